@@ -1,0 +1,1 @@
+"""Shipped scenes: Mitsuba XML files, each described by its first comment."""

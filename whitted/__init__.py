@@ -1,0 +1,38 @@
+"""Whitted and distribution ray tracing as Mitsuba plugins: importing it registers them, sets no variant."""
+
+from whitted import _backend, _plugins
+
+_backend.prepare()
+_plugins.register()
+
+# Loaded when first asked for, so that a command starts without what it does not use.
+_EXPORTS = {
+    "Agreement": "whitted.comparison",
+    "Render": "whitted.passes",
+    "Scene": "whitted.scene",
+    "check": "whitted.comparison",
+    "load": "whitted.scene",
+    "render": "whitted.passes",
+    "trace": "whitted.raytree",
+}
+
+__all__ = ["Agreement", "Render", "Scene", "check", "load", "render", "trace"]
+
+
+def __getattr__(name):
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value = version("whitted")
+    elif name in _EXPORTS:
+        from importlib import import_module
+
+        value = getattr(import_module(_EXPORTS[name]), name)
+    else:
+        raise AttributeError(f"module 'whitted' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__():
+    return sorted([*globals(), *_EXPORTS, "__version__"])

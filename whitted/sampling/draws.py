@@ -1,0 +1,61 @@
+"""The random numbers of one sample, named by the effect and by the node of the ray tree that they serve.
+
+A number is a pure function of its arguments, so depth-first and breadth-first traversals draw the same ones,
+an effect can be left out or frozen without touching the others, and a render resumes at any index.
+"""
+
+import mitsuba as mi
+
+from whitted.sampling.sequences import hash4, sobol_2d, to_unit
+
+EFFECTS = ("pixel", "lens", "time", "light", "gloss", "hemisphere", "branch", "wavelength")
+AUDIT = 0x9E3779B9  # sets the numbers apart that choose what is measured from those that make the picture
+
+
+class Draws:
+    """Padded Owen-scrambled (0, 2)-points: one sequence over the sample index for each effect, node and split.
+
+    Args:
+        pixel: ``UInt32`` [N], the pixel's number in the whole film, so that a crop draws the same numbers.
+        index: ``UInt32`` [N], the sample's number within the pixel.
+        seed: ``UInt32`` [N or 1]; different seeds give independent randomisations.
+        block: ``UInt32`` [N], the number of the pixel's block; audits are decided alike in a whole block.
+    """
+
+    def __init__(self, pixel, index, seed, block):
+        self.pixel, self.index, self.seed, self.block = pixel, index, seed, block
+        self.state = None
+
+    def __call__(self, effect, node=0, split=0):
+        """Return a ``Point2f`` in [0, 1)^2 for an effect (of ``EFFECTS``) at a node.
+
+        ``split`` (``int`` or ``UInt32``) tells several draws for one effect at one node apart.
+        """
+        key = mi.UInt32(split) * len(EFFECTS) + EFFECTS.index(effect)
+        return sobol_2d(self.index, hash4(self.pixel, key, self.seed, mi.UInt32(node))[1:])
+
+    def audit(self, node):
+        """Return a ``Float`` in [0, 1) that decides what is measured at a node, without a say in the picture.
+
+        It is the same in all pixels of a block, so that their rays stay together.
+        """
+        return to_unit(hash4(self.block, self.index, self.seed + AUDIT, mi.UInt32(node))[0])
+
+
+class SamplerDraws:
+    """The numbers of a Mitsuba sampler, in the order in which they are asked for.
+
+    For integrators nested in C++, where the sampler is all that is given. ``state`` has to be part of the state
+    of any symbolic loop that draws.
+    """
+
+    def __init__(self, sampler):
+        self.sampler = self.state = sampler
+
+    def __call__(self, effect, node=0, split=0):
+        """Return the sampler's next ``Point2f``; the arguments don't matter."""
+        return self.sampler.next_2d()
+
+    def audit(self, node):
+        """Return the sampler's next ``Float``."""
+        return self.sampler.next_1d()

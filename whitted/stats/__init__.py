@@ -1,0 +1,1 @@
+"""Statistics on NumPy arrays; nothing here knows of Mitsuba or Dr.Jit."""

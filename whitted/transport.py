@@ -1,0 +1,142 @@
+"""Direct light at a vertex, and the stack of a ray tree that is walked depth first."""
+
+import functools
+
+import drjit as dr
+import mitsuba as mi
+
+UNROLLED_LIGHTS = 4  # up to here a light costs less unrolled into the kernel than by a virtual call in a loop
+
+
+def when(active, step, *state):
+    """Return ``step(*state)`` for the active lanes and ``state`` for the others; skip it where no lane needs it."""
+    return dr.if_stmt(state, active, step, lambda *state: state)
+
+
+def direct_light(world, si, draws, node, active, shadows=True):
+    """Estimate the light that every emitter sends to ``si`` directly and that is scattered along ``-ray.d``.
+
+    Each emitter is sampled once: the sum over emitters of ``f(wi, wo) cos / p * L * V``. Delta lobes don't take
+    part. No shadow ray is traced where the BSDF is 0, so lights behind the surface cost none.
+
+    Args:
+        world: ``World``.
+        si: ``SurfaceInteraction3f`` [N].
+        draws: numbers, asked for effect ``light`` once for each emitter that isn't a delta.
+        node: ``UInt32`` [N], the vertex's node of the ray tree.
+        active: ``Bool`` [N].
+        shadows: whether light is blocked at all.
+
+    Returns:
+        ``Spectrum`` [N], radiance.
+    """
+    bsdf = si.bsdf()
+    active = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    context = mi.BSDFContext()
+    emitters = len(world.emitters)
+
+    def add_emitter(emitter, L):
+        drawn = not isinstance(emitter, int) or world.needs_sample[emitter]
+        u = draws("light", node, emitter) if drawn else mi.Point2f(0)
+        ds, weight = world.sample_light(emitter, si, u, active)
+        value = bsdf.eval(context, si, si.to_local(ds.d), active) * weight
+        lit = active & (ds.pdf != 0) & dr.any(value != 0)
+        visible = world.transmittance(si, ds.p, lit) if shadows else mi.Spectrum(1)
+        return L + dr.select(lit, value * visible, 0)
+
+    def unrolled(L, rays, sampler):
+        world.rays = dict(rays)
+        for emitter in range(emitters):
+            L = add_emitter(emitter, L)
+        return L, world.rays, sampler
+
+    def looped(emitter, L, rays, sampler):
+        world.rays = dict(rays)
+        L = add_emitter(emitter, L)
+        return emitter + 1, L, world.rays, sampler
+
+    if emitters <= UNROLLED_LIGHTS:
+        L, world.rays, _ = when(active, unrolled, mi.Spectrum(0), world.rays, draws.state)
+    else:
+        state = (mi.UInt32(0), mi.Spectrum(0), world.rays, draws.state)
+        _, L, world.rays, _ = dr.while_loop(
+            state, lambda emitter, *_: active & (emitter < emitters), looped, label="emitters"
+        )
+    return L
+
+
+@functools.cache
+def node_type(variant):
+    """Return the class of a ray waiting to be traced, for a variant that is active."""
+
+    class Node:
+        DRJIT_STRUCT = {
+            "o": mi.Point3f,  # origin
+            "d": mi.Vector3f,  # direction
+            "w": mi.Spectrum,  # throughput from the eye to this ray
+            "eta": mi.Float,  # product of relative indices of refraction along the path
+            "depth": mi.UInt32,  # surfaces met before this ray
+            "tag": mi.UInt32,  # flags of the integrator's own
+            "id": mi.UInt32,  # number of the node in the tree, the same in every order of traversal
+        }
+
+        def __init__(self, o=None, d=None, w=None, eta=None, depth=None, tag=None, id=None):  # noqa: A002
+            self.o, self.d, self.w, self.eta = o, d, w, eta
+            self.depth, self.tag, self.id = depth, tag, id
+
+    return Node
+
+
+class Stack:
+    """A per-lane stack in local memory, with two precautions against Dr.Jit 1.5.
+
+    The pointer has full width: one that enters a loop with width 1 would be taken for uniform over the lanes, and the
+    wrong entries read. And the size stands in the program as a number: the key under which Dr.Jit finds a compiled
+    kernel again leaves out how much local memory it has, so that without it a kernel with a smaller stack could be
+    taken, which would write beyond its end.
+
+    A symbolic loop or condition carries ``state``; ``with_state`` makes the stack anew from it.
+    """
+
+    def __init__(self, size, entries, pointer):
+        self.size, self.entries, self.pointer = size, entries, pointer
+
+    @classmethod
+    def empty(cls, dtype, size, width):
+        """Return an empty stack of ``size`` entries for ``width`` lanes."""
+        return cls(size, dr.alloc_local(dtype, size), dr.zeros(mi.UInt32, width))
+
+    @property
+    def state(self):
+        """The arrays to hand on."""
+        return self.entries, self.pointer
+
+    def with_state(self, entries, pointer):
+        """Return a stack of this size with other arrays."""
+        return Stack(self.size, entries, pointer)
+
+    def push(self, node, active):
+        """Put ``node`` on top in the active lanes."""
+        active = active & (self.pointer < self.size)
+        self.entries.write(node, self.pointer, active)
+        self.pointer = dr.select(active, self.pointer + 1, self.pointer)
+
+    def pop(self, node, active):
+        """Return the top where an active lane has one, ``node`` elsewhere, and the mask of the lanes that had."""
+        active = active & (self.pointer > 0)
+        self.pointer = dr.select(active, self.pointer - 1, self.pointer)
+
+        def top(entries, pointer, node):
+            return entries, pointer, dr.select(active, entries.read(pointer, active), node)
+
+        self.entries, self.pointer, node = when(active, top, self.entries, self.pointer, node)
+        return node, active
+
+
+def capacity(branching, max_depth):
+    """Entries that a depth-first walk needs: each level leaves all children but one behind.
+
+    Rounded up to a power of two of at least 8, so that the usual depths share one kernel.
+    """
+    needed = max(branching - 1, 0) * max(max_depth - 1, 0) + 1
+    return max(8, 1 << (needed - 1).bit_length())
