@@ -29,7 +29,7 @@ MOST = 1 << 28  # values of all replicates together, 1 GiB
 SECONDS = 30.0  # at most for rendering, where neither spp nor time is given
 TILE_TOLERANCE = 5  # times the tolerance of the image
 PILOTS, PILOT_SPP = 8, 16
-SPP_RANGE = 16, 1 << 16  # of the pilot's choice
+SPP_RANGE = 64, 1 << 16  # of the pilot's choice; with fewer, replicates are far from normal
 IMAGE_MARGIN, TILE_MARGIN = 5, 8  # standard errors that shall fit into the tolerance: interval and scatter
 
 

@@ -117,6 +117,13 @@ def eye_rays(sensor, size, grid, groups):
     return ray, weight, draws, offset, active
 
 
+def colours(L, wavelengths, channels=3):
+    """Return a ``Spectrum`` as a list of three ``Float``, linear Rec. 709, or in a mono variant of one or three."""
+    if mi.is_spectral:
+        return list(mi.spectrum_to_srgb(L, wavelengths))
+    return [L.x] * channels if mi.is_monochromatic else list(L)
+
+
 @contextmanager
 def cropped(sensor, window=None):
     """Give the sensor's film another crop for a while; yield the ``Window`` of the one it has.

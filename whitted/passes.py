@@ -14,8 +14,9 @@ import numpy as np
 
 from whitted import _backend
 from whitted.errors import UsageError
-from whitted.film import BLOCK, Grid, Sums, Window, cropped, eye_rays
+from whitted.film import BLOCK, Grid, Sums, Window, colours, cropped, eye_rays
 from whitted.interrupt import stop_on_signals
+from whitted.progress import Progress
 from whitted.results import Render, Truncation
 from whitted.sampling.groups import SEGMENTS, Replicates, Segments
 from whitted.scene import as_scene
@@ -114,11 +115,11 @@ class MitsubaPasses:
             image = np.array(
                 self.integrator.render(self.scene, self.sensor, seed=seed, spp=samples), np.float64
             )
-        colours = image[..., : 1 if image.shape[-1] < 3 else 3]
-        finite = np.isfinite(colours).all(-1, keepdims=True)
+        radiance = image[..., : 1 if image.shape[-1] < 3 else 3]
+        finite = np.isfinite(radiance).all(-1, keepdims=True)
         self.nonfinite += int((~finite).sum()) * samples
         group = len(self.weights) % self.count if len(self.weights) < self.count else self._emptiest()
-        self.total[group] = self.total.get(group, 0) + np.where(finite, colours, 0) * samples
+        self.total[group] = self.total.get(group, 0) + np.where(finite, radiance, 0) * samples
         self.weights[group] = self.weights.get(group, 0) + finite[..., 0] * float(samples)
 
     def _emptiest(self):
@@ -157,7 +158,7 @@ def fill_film(integrator, scene, sensor=0, seed=0, spp=0, develop=True, evaluate
         L = found["radiance"] * weight
         if special:
             return film.prepare_sample(L, ray.wavelengths, channels, weight=1, alpha=found["alpha"])
-        return [*_colours(L, ray.wavelengths, 3), *([found["alpha"]] if alpha else [])]
+        return [*colours(L, ray.wavelengths, 3), *([found["alpha"]] if alpha else [])]
 
     with cropped(sensor) as window:
         count = channels if special else channels - 1
@@ -234,13 +235,6 @@ def render(
         with stop_on_signals() as stopped:
             loop.run(stopped)
         return loop.result(settings, clock.perf_counter() - start_time, scene.load_seconds, goal - first)
-
-
-class Progress:
-    """How far a render is: ``spp`` samples so far of ``goal`` (None: no limit), ``seconds``, ``error`` (relative)."""
-
-    def __init__(self, spp, goal, seconds, error, fraction):
-        self.spp, self.goal, self.seconds, self.error, self.fraction = spp, goal, seconds, error, fraction
 
 
 class _Loop:
@@ -351,8 +345,8 @@ def _passes(integrator, scene, sensor, window, seed, replicates):
     channels = 1 if mi.is_monochromatic else 3
 
     def encode(found, weight, ray):
-        colours = _colours(found["radiance"] * weight, ray.wavelengths, channels)
-        return [*colours, found["alpha"], found["lost_by_depth"] + found["lost_by_cutoff"]]
+        radiance = colours(found["radiance"] * weight, ray.wavelengths, channels)
+        return [*radiance, found["alpha"], found["lost_by_depth"] + found["lost_by_cutoff"]]
 
     return TreePasses(integrator, scene, sensor, window, groups, encode, channels + 2)
 
@@ -416,13 +410,6 @@ def _window(sensor, crop):
 def _samples_per_pass(lanes):
     """The largest power of two of samples per pixel with which a pass stays within ``LANES``."""
     return 1 << (max(LANES // lanes, 1).bit_length() - 1)
-
-
-def _colours(L, wavelengths, channels):
-    """A ``Spectrum`` as a list of one or three ``Float``."""
-    if mi.is_spectral:
-        return list(mi.spectrum_to_srgb(L, wavelengths))
-    return [L.x] * channels if mi.is_monochromatic else list(L)
 
 
 def _relative_error(moments):

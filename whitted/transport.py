@@ -13,6 +13,24 @@ def when(active, step, *state):
     return dr.if_stmt(state, active, step, lambda *state: state)
 
 
+def light_sample(world, si, draws, node, emitter, active, shadows=True):
+    """Sample one emitter from ``si`` and look whether its light arrives.
+
+    The arguments are those of ``direct_light``, and ``emitter`` its number, ``int`` or ``UInt32`` [N].
+
+    Returns:
+        ``DirectionSample3f``; the radiance (``Spectrum``) scattered along ``-ray.d`` if nothing is in between, 0 in
+        inactive lanes; the transmittance (``Spectrum``) of what is in between.
+    """
+    drawn = not isinstance(emitter, int) or world.needs_sample[emitter]
+    u = draws("light", node, emitter) if drawn else mi.Point2f(0)
+    ds, weight = world.sample_light(emitter, si, u, active)
+    value = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(ds.d), active) * weight
+    lit = active & (ds.pdf != 0) & dr.any(value != 0)
+    visible = world.transmittance(si, ds.p, lit) if shadows else mi.Spectrum(1)
+    return ds, dr.select(lit, value, 0), visible
+
+
 def direct_light(world, si, draws, node, active, shadows=True):
     """Estimate the light that every emitter sends to ``si`` directly and that is scattered along ``-ray.d``.
 
@@ -30,19 +48,12 @@ def direct_light(world, si, draws, node, active, shadows=True):
     Returns:
         ``Spectrum`` [N], radiance.
     """
-    bsdf = si.bsdf()
-    active = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    context = mi.BSDFContext()
+    active = active & mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
     emitters = len(world.emitters)
 
     def add_emitter(emitter, L):
-        drawn = not isinstance(emitter, int) or world.needs_sample[emitter]
-        u = draws("light", node, emitter) if drawn else mi.Point2f(0)
-        ds, weight = world.sample_light(emitter, si, u, active)
-        value = bsdf.eval(context, si, si.to_local(ds.d), active) * weight
-        lit = active & (ds.pdf != 0) & dr.any(value != 0)
-        visible = world.transmittance(si, ds.p, lit) if shadows else mi.Spectrum(1)
-        return L + dr.select(lit, value * visible, 0)
+        _, unshadowed, visible = light_sample(world, si, draws, node, emitter, active, shadows)
+        return L + unshadowed * visible
 
     def unrolled(L, rays, sampler):
         world.rays = dict(rays)

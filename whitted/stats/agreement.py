@@ -15,9 +15,10 @@ import numpy as np
 
 SIZES = (1, 4, 8, 16)  # sides of the cells, in pixels
 TILE = 16  # side of the tiles that have a tolerance
-DARK = 0.1  # a bias is relative to the channel's mean there, but at least to this share of the image's mean
+DARK = 0.2  # biases are relative to the channel's mean there, but at least to this share of the image's mean
 QUIET = 1e-5  # relative standard errors below this are float32 rounding, not noise
 ROUNDING = 1e-4  # noise-free cells may differ by this much, relative: the same sums in another order
+FLOOR = 0.1  # of the picture's mean variance: quieter neighbourhoods are no evidence of quiet cells
 POWER = 0.9  # probability with which the smallest detectable bias is found
 MOST = 1 << 18  # cells times channels: finer grids are left out, since they cost most and see least
 CHUNK = 1 << 20  # values of a block of permutations: 4 MB for each temporary array, about a core's cache
@@ -63,8 +64,8 @@ class Assessment:
 def assess(a, b, *, tolerance=0.01, tile_tolerance=0.05, level=0.01, permutations=None, seed=0):
     r"""Test whether two estimators have the same expectation, and bound how far apart they may be.
 
-    With a cell's means :math:`m`, their squared standard errors :math:`e^2` between replicates, and, below 16
-    pixels, :math:`\bar e^2`, that of the noisiest neighbourhood, the studentised difference
+    With a cell's means :math:`m`, their squared standard errors :math:`e^2` between replicates, and
+    :math:`\bar e^2`, that of the noisiest neighbourhood (0 for the image mean), the studentised difference
 
     .. math:: t = (m_a - m_b) / \sqrt{e_a^2 + e_b^2 + \bar e^2}
 
@@ -114,11 +115,11 @@ def assess(a, b, *, tolerance=0.01, tile_tolerance=0.05, level=0.01, permutation
     p_value, cells = {}, {}
     for size, grid in grids.items():
         around = _grid([len(edges) - 1 for edges in grid], 4 if size == 1 else 2)
-        cells[size] = _Cells(_average(x, grid), len(a), brightness, around, moderate=size < TILE)
+        cells[size] = _Cells(_average(x, grid), len(a), brightness, around)
         largest, p_value[f"sum {size}x{size}"] = cells[size].test(labels)
         if size > 1:
             p_value[f"max {size}x{size}"] = largest
-    cells["image"] = _Cells(_average(x, whole), len(a), brightness, None, moderate=False)
+    cells["image"] = _Cells(_average(x, whole), len(a), brightness, None)
     p_value["image mean"], _ = cells["image"].test(labels)
 
     tiles, tile_grid = (cells[TILE], grids[TILE]) if TILE in grids else (cells["image"], whole)
@@ -151,7 +152,7 @@ def relative_errors(a, b):
     found = []
     for size in (max(a.shape[1:3]), TILE):
         grid = _grid(a.shape[1:3], size)
-        cells = _Cells(_average(np.concatenate([a, b]), grid), len(a), brightness, None, moderate=False)
+        cells = _Cells(_average(np.concatenate([a, b]), grid), len(a), brightness, None)
         found.append(cells.relative_error())
     return tuple(found)
 
@@ -174,11 +175,11 @@ def student_deviate(z, dof):
 class _Cells:
     """The replicates' means over cells, ``values`` (R, rows, columns, C); the first ``count`` are a's.
 
-    ``around`` is the grid of neighbourhoods over the cells (None: none); ``moderate`` adds their variance to
+    ``around`` is the grid of neighbourhoods over the cells (None: none), whose variance is added to
     the cells' own.
     """
 
-    def __init__(self, values, count, brightness, around, moderate):
+    def __init__(self, values, count, brightness, around):
         self.counts = count, len(values) - count
         self.brightness = brightness
         mean = values.mean(0, dtype=np.float64)
@@ -192,6 +193,7 @@ class _Cells:
         self.dof = np.maximum(self.error**4 / np.maximum(spread, 1e-300), 1)
         pooled = sd**2 * sum(1 / n for n in self.counts)
         typical = _typical(pooled, mean, around) if around else pooled
+        moderate = around is not None
         size = np.maximum(abs(mean), 1e-3 * brightness)
         self.noisy = (sd > 0) & (self.error**2 + (typical if moderate else 0) > (QUIET * size) ** 2)
         self.differing = int((~self.noisy & (abs(self.difference) > ROUNDING * size)).sum())
@@ -200,7 +202,8 @@ class _Cells:
         self._x = ((values[:, self.noisy] - mean[self.noisy]) / sd).astype(np.float32)
         typical = typical[self.noisy] / sd**2
         self._weight = (1 / typical).astype(np.float32)
-        self._floor = (typical * moderate).astype(np.float32)
+        # beyond 1e6 a cell counts as noise-free beside its neighbours; float32 squares stay finite
+        self._floor = (np.minimum(typical, 1e6) * moderate).astype(np.float32)
         self._largest = np.zeros(1)
 
     def test(self, labels):
@@ -340,7 +343,7 @@ def _typical(variance, mean, around):
     """Return the mean variance (H, W, C) of the noisiest block among each cell's own and those next to it.
 
     The noisiest, because a rare event may have been missed throughout the cell's own block; scaled up where
-    the cell is brighter than its block.
+    the cell is brighter than its block, and never below FLOOR times the mean over the picture.
     """
     blocks = _average(variance[None], around)[0]
     padded = np.pad(blocks, ((1, 1), (1, 1), (0, 0)), "edge")
@@ -352,4 +355,4 @@ def _typical(variance, mean, around):
 
     power = mean * mean
     brighter = power / np.maximum(spread(_average(power[None], around)[0]), 1e-300)
-    return spread(blocks) * np.maximum(1, brighter)
+    return np.maximum(spread(blocks) * np.maximum(1, brighter), FLOOR * variance.mean())
