@@ -4,13 +4,13 @@ import sys
 
 import pytest
 
+import whitted  # noqa: F401, finds LLVM before a test module loads drjit
+
 
 @pytest.fixture(scope="session", autouse=True)
 def one_thread():
     """Sums of floats then have one order, and images are the same bits from run to run."""
     import drjit as dr
-
-    import whitted  # noqa: F401, finds LLVM before drjit looks for it
 
     dr.set_thread_count(1)
 

@@ -153,7 +153,8 @@ class Oracle:
     def estimate(self, ray, draws, active=True):
         """Return what the trees below eye rays find, as `Found`."""
         width = max(dr.width(ray), dr.width(active))
-        lanes = np.flatnonzero(np.broadcast_to(np.array(mi.Bool(active)), (width,)))
+        active = mi.Bool(active) & (self.max_depth > 0)
+        lanes = np.flatnonzero(np.broadcast_to(np.array(active), (width,)))
         self.found = Found(
             np.zeros((width, dr.size_v(mi.Spectrum))), *(np.zeros(width) for _ in range(3)), rays={}
         )
@@ -172,7 +173,7 @@ class Oracle:
         }
         level = {name: value if name == "lane" else _take(value, lanes) for name, value in level.items()}
         depth = 0
-        while self.max_depth > 0 and dr.width(level["lane"]):
+        while dr.width(level["lane"]):
             level = self._visit(level, depth)
             depth += 1
         return self.found

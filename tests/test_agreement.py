@@ -55,6 +55,16 @@ def test_one_wrong_value_among_noise_free_ones_differs():
     assert assess(wrong, image).verdict == "agree"
 
 
+def test_a_noise_free_corner_is_compared_exactly_beside_noise():
+    rng = np.random.default_rng(3)
+    mean = picture(rng)
+    a, b = noisy(rng, mean), noisy(rng, mean)
+    a[:, :12, :12] = b[:, :12, :12] = mean[:12, :12]
+    assert assess(a, b).verdict == "agree"
+    a[:, 2, 2] *= 1.001
+    assert "without noise" in assess(a, b).reason
+
+
 def test_black_pictures_agree():
     assert assess(np.zeros((8, 4, 4, 1)), np.zeros((9, 4, 4, 1))).verdict == "agree"
 

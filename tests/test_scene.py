@@ -1,4 +1,4 @@
-# ruff: noqa: E501, tables of XML
+
 """Scenes load as Mitsuba loads them, and every mistake in one is told in one line: file, line and value."""
 
 import shutil

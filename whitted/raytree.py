@@ -99,10 +99,14 @@ def trace(scene, pixel, integrator=None, *, seed=0, sensor=0):
     if not (0 <= x < size[0] and 0 <= y < size[1]):
         raise UsageError(f"pixel {x},{y} lies outside the film of {size[0]}x{size[1]} pixels")
     with dr.suspend_grad(), cropped(camera):
-        ray, weight, draws, _, active = eye_rays(camera, size, Grid(Window(x, y, 1, 1), 0, 1), Replicates(seed, 1))
+        ray, weight, draws, _, active = eye_rays(
+            camera, size, Grid(Window(x, y, 1, 1), 0, 1), Replicates(seed, 1)
+        )
         lane = dr.compress(active)
         ray, weight = dr.gather(mi.Ray3f, ray, lane), dr.gather(mi.Spectrum, weight, lane)
-        numbers = (dr.gather(mi.UInt32, value, lane) for value in (draws.pixel, draws.index, draws.seed, draws.block))
+        numbers = (
+            dr.gather(mi.UInt32, value, lane) for value in (draws.pixel, draws.index, draws.seed, draws.block)
+        )
         recorder = _Recorder(integrator, scene.mitsuba, ray, Draws(*numbers))
         recorder.grow(weight)
     nodes = recorder.nodes
@@ -133,7 +137,9 @@ class _Recorder:
 
     def visit(self, level, depth):
         """Trace the rays of one level, write them down, and return those of the next."""
-        self.world = world = World(self.scene, self.integrator.hide_emitters)  # counts rays per lane: one a level
+        self.world = world = World(
+            self.scene, self.integrator.hide_emitters
+        )  # counts rays per lane: one a level
         count = len(level)
         o, d, w = (np.array([ray[name] for ray in level], np.float32).T for name in "odw")
         w, ids = mi.Spectrum(w), mi.UInt32([ray["id"] for ray in level])
@@ -163,10 +169,18 @@ class _Recorder:
         hit, bsdf, first = _floats(hit, count) > 0, si.bsdf(), len(self.nodes)
         for i, ray in enumerate(level):
             node = {name: values[i].tolist() for name, values in facts.items()}
-            node |= {"id": first + i, "parent": ray["parent"], "kind": ray["kind"], "depth": depth, "dropped": None}
+            node |= {
+                "id": first + i,
+                "parent": ray["parent"],
+                "kind": ray["kind"],
+                "depth": depth,
+                "dropped": None,
+            }
             node |= {"shape": None, "bsdf": None, "shadow": [_shadow(s, i) for s in shadows if s["lit"][i]]}
             node |= (
-                {"shape": si.shape[i].id(), "bsdf": bsdf[i].id()} if hit[i] else {"distance": None, "position": None}
+                {"shape": si.shape[i].id(), "bsdf": bsdf[i].id()}
+                if hit[i]
+                else {"distance": None, "position": None}
             )
             self.nodes.append(node)
         return self.branch(level, si, w, goes_on, depth + 1, first)
@@ -176,7 +190,9 @@ class _Recorder:
         light, count = self.world.emitters[emitter], dr.width(ids)
         active = active & mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
         shadows = self.integrator.shadows
-        ds, unshadowed, visible = transport.light_sample(self.world, si, self.draws, ids, emitter, active, shadows)
+        ds, unshadowed, visible = transport.light_sample(
+            self.world, si, self.draws, ids, emitter, active, shadows
+        )
         return {
             "radiance": unshadowed * visible,
             "lit": _floats(dr.max(unshadowed), count) > 0,
@@ -195,7 +211,11 @@ class _Recorder:
         goes_on = _floats(goes_on, count) > 0
         for slot, (wo, weight, eta, kind) in enumerate(self.world.delta_lobes(si, si.is_valid())):
             leaving = self.world.spawn(si, si.to_world(wo))
-            o, d, throughput = _floats(leaving.o, count), _floats(leaving.d, count), _floats(w * weight, count)
+            o, d, throughput = (
+                _floats(leaving.o, count),
+                _floats(leaving.d, count),
+                _floats(w * weight, count),
+            )
             shown, eta = self.colours(w * weight, count, is_throughput=True), _floats(eta, count)
             reflects = _floats(mi.has_flag(kind, mi.BSDFFlags.DeltaReflection), count) > 0
             for i, ray in enumerate(level):

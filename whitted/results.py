@@ -107,8 +107,7 @@ class Render:
     @cached_property
     def standard_error(self):
         """The standard error of ``mean``, of its shape, or None where there are fewer than two groups."""
-        stderr = Moments(self.moments.sums[..., : self._colours], self.moments.weights).standard_error()
-        return stderr
+        return Moments(self.moments.sums[..., : self._colours], self.moments.weights).standard_error()
 
     @property
     def alpha(self):

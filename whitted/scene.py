@@ -152,7 +152,9 @@ def _instantiate(path, text, defines):
         raise UsageError(f"{path}:{first[0]}: the root element is <{first[1]}>, not <scene>")
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_meshes = config.merge_equivalent = False
-    config.parallel = False  # in parallel the order of objects varies, and with it the key of a compiled kernel
+    config.parallel = (
+        False  # in parallel the order of objects varies, and with it the key of a compiled kernel
+    )
     texts, parameters = {str(path): text}, dict(defines)
     validation.check_text(text, path, parameters)
     with _resolver(path):

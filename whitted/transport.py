@@ -1,6 +1,7 @@
 """Direct light at a vertex, and the stack of a ray tree that is walked depth first."""
 
 import functools
+from typing import ClassVar
 
 import drjit as dr
 import mitsuba as mi
@@ -81,7 +82,7 @@ def node_type(variant):
     """Return the class of a ray waiting to be traced, for a variant that is active."""
 
     class Node:
-        DRJIT_STRUCT = {
+        DRJIT_STRUCT: ClassVar = {
             "o": mi.Point3f,  # origin
             "d": mi.Vector3f,  # direction
             "w": mi.Spectrum,  # throughput from the eye to this ray

@@ -31,9 +31,13 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
 
 @click.command("render")
 @options.scene
-@click.option("--integrator", metavar="NAME[:key=value,...]", help="Integrator.  [default: the scene's own if ours]")
+@click.option(
+    "--integrator", metavar="NAME[:key=value,...]", help="Integrator.  [default: the scene's own if ours]"
+)
 @click.option("--spp", type=click.IntRange(1, 2**31 - 1), help="Samples per pixel.  [default: the scene's]")
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed: the same seed gives the same bits.")
+@click.option(
+    "--seed", type=int, default=0, show_default=True, help="Seed: the same seed gives the same bits."
+)
 @click.option(
     "--replicates",
     type=click.IntRange(1, 1024),
@@ -42,11 +46,15 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
     help="Independent randomisations that give the error; 1 takes an upper bound from one sequence.",
 )
 @click.option("--time", "seconds", type=_POSITIVE, metavar="S", help="Stop after S seconds of rendering.")
-@click.option("--target-error", type=_POSITIVE, metavar="E", help="Stop at this relative RMSE of the picture.")
+@click.option(
+    "--target-error", type=_POSITIVE, metavar="E", help="Stop at this relative RMSE of the picture."
+)
 @click.option("--width", type=click.IntRange(1, 65535), help="Width in pixels; the height follows.")
 @click.option("--height", type=click.IntRange(1, 65535), help="Height in pixels; the width follows.")
 @click.option("--crop", metavar="X,Y,W,H", callback=_parse_crop, help="Render these pixels only.")
-@click.option("--continue", "earlier", metavar="F", callback=_parse_earlier, help="Add samples to this picture.")
+@click.option(
+    "--continue", "earlier", metavar="F", callback=_parse_earlier, help="Add samples to this picture."
+)
 @click.option("--stats", metavar="F.json", help="Write rays, seconds and errors as JSON.")
 @click.option("--png", is_flag=True, help="Write a PNG too: values above 1 are cut, sRGB transfer function.")
 @options.output(".exr")

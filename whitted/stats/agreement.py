@@ -192,10 +192,12 @@ class _Cells:
         spread = sum(s**2 / (len(side) - 1) for s, side in zip(shares, sides, strict=True))
         self.dof = np.maximum(self.error**4 / np.maximum(spread, 1e-300), 1)
         pooled = sd**2 * sum(1 / n for n in self.counts)
-        typical = _typical(pooled, mean, around) if around else pooled
-        moderate = around is not None
+        typical, noise = pooled, self.error**2
+        if around:
+            typical = np.maximum(_typical(pooled, mean, around), FLOOR * pooled.mean())
+            noise = noise + _typical(noise, mean, around)
         size = np.maximum(abs(mean), 1e-3 * brightness)
-        self.noisy = (sd > 0) & (self.error**2 + (typical if moderate else 0) > (QUIET * size) ** 2)
+        self.noisy = (sd > 0) & (noise > (QUIET * size) ** 2)
         self.differing = int((~self.noisy & (abs(self.difference) > ROUNDING * size)).sum())
         # float32 suffices for permuting once every cell has mean 0 and variance 1
         sd = sd[self.noisy]
@@ -203,7 +205,7 @@ class _Cells:
         typical = typical[self.noisy] / sd**2
         self._weight = (1 / typical).astype(np.float32)
         # beyond 1e6 a cell counts as noise-free beside its neighbours; float32 squares stay finite
-        self._floor = (np.minimum(typical, 1e6) * moderate).astype(np.float32)
+        self._floor = (np.minimum(typical, 1e6) * (around is not None)).astype(np.float32)
         self._largest = np.zeros(1)
 
     def test(self, labels):
@@ -343,7 +345,7 @@ def _typical(variance, mean, around):
     """Return the mean variance (H, W, C) of the noisiest block among each cell's own and those next to it.
 
     The noisiest, because a rare event may have been missed throughout the cell's own block; scaled up where
-    the cell is brighter than its block, and never below FLOOR times the mean over the picture.
+    the cell is brighter than its block.
     """
     blocks = _average(variance[None], around)[0]
     padded = np.pad(blocks, ((1, 1), (1, 1), (0, 0)), "edge")
@@ -355,4 +357,4 @@ def _typical(variance, mean, around):
 
     power = mean * mean
     brighter = power / np.maximum(spread(_average(power[None], around)[0]), 1e-300)
-    return np.maximum(spread(blocks) * np.maximum(1, brighter), FLOOR * variance.mean())
+    return spread(blocks) * np.maximum(1, brighter)
