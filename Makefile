@@ -11,7 +11,7 @@ NEW_PYTHON := $(firstword $(foreach python,$(PYTHON) python3.11 python3.12 pytho
 PIP := -m pip --disable-pip-version-check --quiet
 SOURCES := $(shell find whitted integrators scenes -type f -not -name '*.pyc' 2>/dev/null) README.md LICENSE
 
-.PHONY: help demo test lint format clean
+.PHONY: help demo test test-long lint format clean
 
 help: ## say what there is
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -21,7 +21,10 @@ demo: .venv/ready ## render the shipped pictures and prove them against Mitsuba'
 
 test: .venv-test/ready ## build the wheel, install it, and run the tests against it
 	@# safe path: the source tree in the working folder must not shadow the wheel, in child processes either
-	PYTHONSAFEPATH=1 WHITTED_TEST_WHEEL=1 .venv-test/bin/python -m pytest $(PYTEST_FLAGS)
+	PYTHONSAFEPATH=1 WHITTED_TEST_WHEEL=1 .venv-test/bin/python -m pytest -m "not long" $(PYTEST_FLAGS)
+
+test-long: .venv-test/ready ## run the tests that take minutes, such as the rate of false alarms
+	PYTHONSAFEPATH=1 WHITTED_TEST_WHEEL=1 .venv-test/bin/python -m pytest -m long $(PYTEST_FLAGS)
 
 lint: .venv/ready ## check style and format
 	.venv/bin/ruff check

@@ -11,6 +11,7 @@ import mitsuba as mi
 
 from whitted import passes, transport
 from whitted.errors import UsageError
+from whitted.film import luminance
 from whitted.sampling.draws import SamplerDraws
 from whitted.world import World
 
@@ -213,9 +214,7 @@ class _Tree:
     def add(self, sums, account, active, L):
         """Add radiance to the account of each lane."""
         sums["radiance"] = sums["radiance"] + dr.select(active & (account == KEPT), L, 0)
-        lost = dr.select(
-            active, mi.luminance(L, self.ray.wavelengths) if mi.is_spectral else mi.luminance(L), 0
-        )
+        lost = dr.select(active, luminance(L, self.ray.wavelengths), 0)
         sums["lost_by_depth"] += dr.select(account == BY_DEPTH, lost, 0)
         sums["lost_by_cutoff"] += dr.select(account == BY_CUTOFF, lost, 0)
 

@@ -25,6 +25,24 @@ plastic = {"type": "plastic"}
 diffuse = {"type": "diffuse"}
 
 
+def bumps():
+    """Waves; a function, since there are no bitmaps before a variant is set."""
+    u, v = np.meshgrid(np.arange(16), np.arange(16))
+    height = (np.sin(u * 0.8) + np.cos(v * 0.6))[..., None].astype(np.float32)
+    return {"type": "bitmap", "raw": True, "bitmap": mi.Bitmap(height)}
+
+
+def made(spec):
+    """Return the BSDF (or texture) of a dict, in which functions stand for what they return."""
+    spec = spec() if callable(spec) else spec
+    return mi.load_dict(
+        {
+            key: made(value) if isinstance(value, dict) or callable(value) else value
+            for key, value in spec.items()
+        }
+    )
+
+
 def mask(nested, opacity=0.3):
     return {"type": "mask", "opacity": opacity, "nested": nested}
 
@@ -43,7 +61,7 @@ NOT_LOADED = {
 }
 PLUGINS = {
     "blendbsdf": blend(dielectric, conductor),
-    "bumpmap": {"type": "bumpmap", "arbitrary": checkerboard, "nested": dielectric},
+    "bumpmap": {"type": "bumpmap", "arbitrary": bumps, "nested": dielectric},
     "circular": {"type": "circular"},
     "conductor": conductor,
     "dielectric": dielectric,
@@ -82,10 +100,15 @@ NESTED = {
     "twosided(diffuse, conductor)": twosided(diffuse, conductor),
     "twosided(plastic, diffuse)": twosided(plastic, diffuse),
     "twosided(normalmap)": twosided({"type": "normalmap", "normalmap": bent_normal, "nested": conductor}),
-    "twosided(bumpmap)": twosided({"type": "bumpmap", "arbitrary": checkerboard, "nested": plastic}),
-    "normalmap(twosided(diffuse))": {"type": "normalmap", "normalmap": bent_normal, "nested": twosided(diffuse)},
-    "bumpmap(conductor)": {"type": "bumpmap", "arbitrary": checkerboard, "nested": conductor},
+    "twosided(bumpmap)": twosided({"type": "bumpmap", "arbitrary": bumps, "nested": plastic}),
+    "normalmap(twosided(diffuse))": {
+        "type": "normalmap",
+        "normalmap": bent_normal,
+        "nested": twosided(diffuse),
+    },
+    "bumpmap(conductor)": {"type": "bumpmap", "arbitrary": bumps, "nested": conductor},
     "normalmap(bumpmap)": {"type": "normalmap", "normalmap": bent_normal, "nested": PLUGINS["bumpmap"]},
+    "blend(blend(null, conductor), dielectric)": blend(blend({"type": "null"}, conductor), dielectric),
     "blend(normalmap, bumpmap)": blend(PLUGINS["normalmap"], PLUGINS["bumpmap"]),
 }
 ALL = PLUGINS | NESTED
@@ -104,15 +127,48 @@ def interaction(direction, uv, width):
     return si
 
 
+def expected_lobes(spec, direction, uv):
+    """Return the mean weight of each delta direction, from direction to weight.
+
+    Adapters over a `blendbsdf` are taken apart here: Mitsuba 3.9.1 adds the density of a smooth child to that of
+    a delta child, so that what it samples from such a blend is wrong.
+    """
+    si = interaction(direction, uv, 1)
+    if spec["type"] == "blendbsdf":
+        share = amount(spec["weight"], si)
+        return mixed((spec["first"], 1 - share), (spec["second"], share), direction=direction, uv=uv)
+    if spec["type"] == "mask" and spec["nested"]["type"] == "blendbsdf":
+        opacity = amount(spec["opacity"], si)
+        return mixed((spec["nested"], opacity), ({"type": "null"}, 1 - opacity), direction=direction, uv=uv)
+    return sampled(made(spec), interaction(direction, uv, SAMPLES))
+
+
+def amount(value, si):
+    return value if isinstance(value, float) else float(made(value).eval_1(si)[0])
+
+
+def mixed(*children, direction, uv):
+    sums = {}
+    for spec, share in children:
+        for key, weight in expected_lobes(spec, direction, uv).items():
+            sums[key] = sums.get(key, 0) + share * weight
+    return sums
+
+
 def sampled(bsdf, si):
-    """Return the mean weight of each delta direction that the BSDF samples, from direction to weight."""
+    """Return what the BSDF itself samples."""
     rng = np.random.default_rng(1)
     first = mi.Float((np.arange(SAMPLES) + 0.5) / SAMPLES)
     bs, weight = bsdf.sample(mi.BSDFContext(), si, first, mi.Point2f(rng.random((2, SAMPLES))), True)
-    is_delta = np.array(mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta))
-    weight = np.broadcast_to(np.array(weight).T, (SAMPLES, 3))
-    is_delta, wo, eta = (np.broadcast_to(a, (SAMPLES, *np.shape(a)[1:])) for a in (is_delta, wos(bs), bs.eta.numpy()))
-    return grouped(wo[is_delta], weight[is_delta] / SAMPLES, eta[is_delta])
+    is_delta = wide(mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)).astype(bool)
+    weight, wo, eta = wide(weight) / SAMPLES, wide(bs.wo), wide(bs.eta)
+    return grouped(wo[is_delta], weight[is_delta], eta[is_delta])
+
+
+def wide(value):
+    """Return an array of Dr.Jit as ``float64`` with the lanes first."""
+    value = np.array(value, np.float64)
+    return np.broadcast_to(value, (*value.shape[:-1], SAMPLES)).T
 
 
 def split(bsdf, si):
@@ -120,36 +176,32 @@ def split(bsdf, si):
     found = lobes.delta_lobes(bsdf, si, mi.Bool(True))
     if not found:
         return {}
-    weights = [np.array(weight).T.reshape(-1, 3)[0] for _, weight, *_ in found]
+    weights = [np.array(weight, np.float64).T.reshape(-1, 3)[0] for _, weight, *_ in found]
     directions = [np.array(wo).T.reshape(-1, 3)[0] for wo, *_ in found]
     etas = [np.array(eta).ravel()[0] for _, _, eta, _ in found]
     return grouped(np.array(directions), np.array(weights), np.array(etas))
-
-
-def wos(bs):
-    return np.array(bs.wo).T
 
 
 def grouped(directions, weights, etas):
     sums = {}
     for wo, weight, eta in zip(directions, weights, etas, strict=True):
         if weight.any():
-            key = (*(float(c) + 0.0 for c in np.round(wo, 3)), round(float(eta), 4))
+            key = (*(round(float(c), 3) + 0.0 for c in wo), round(float(eta), 3))
             sums[key] = sums.get(key, 0) + weight
     return sums
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_lobes_are_those_that_the_bsdf_samples(name):
-    bsdf = mi.load_dict(ALL[name])
+    bsdf = made(ALL[name])
     lobes.check_supported(bsdf)
     seen = 0
     for direction, uv in zip(DIRECTIONS, UV, strict=True):
-        expected = sampled(bsdf, interaction(direction, uv, SAMPLES))
+        expected = expected_lobes(ALL[name], direction, uv)
         found = split(bsdf, interaction(direction, uv, 1))
-        assert found.keys() == {key for key, w in expected.items() if w.max() > STEP} | found.keys() & expected.keys()
-        for key in expected:
-            np.testing.assert_allclose(found[key], expected[key], atol=STEP, err_msg=str(key))
+        for key in found.keys() | expected.keys():
+            weights = found.get(key, np.zeros(3)), expected.get(key, np.zeros(3))
+            np.testing.assert_allclose(*weights, atol=STEP, err_msg=str(key))
         seen = max(seen, len(found))
     assert seen <= lobes.count(bsdf)
 
@@ -176,15 +228,17 @@ STRAIGHT = {
 
 @pytest.mark.parametrize("name", STRAIGHT)
 def test_light_passes_straight_through_by_the_share_that_is_known(name):
-    bsdf = mi.load_dict(ALL[name])
+    bsdf = made(ALL[name])
     found = lobes.null_transmission(bsdf, interaction(DIRECTIONS[1], UV[1], 1), mi.Bool(True))
     np.testing.assert_allclose(np.array(found).ravel(), STRAIGHT[name], atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["null", "mask", "thindielectric", "mask(textured)", "polarizer", "circular"])
+@pytest.mark.parametrize(
+    "name", ["null", "mask", "thindielectric", "mask(textured)", "polarizer", "circular"]
+)
 @pytest.mark.parametrize("direction", DIRECTIONS[::2])
 def test_light_passes_straight_through_as_mitsuba_has_it(name, direction):
-    bsdf = mi.load_dict(ALL[name])
+    bsdf = made(ALL[name])
     si = interaction(direction, UV[0], 1)
     found = lobes.null_transmission(bsdf, si, mi.Bool(True))
     expected = bsdf.eval_null_transmission(si)
@@ -192,12 +246,18 @@ def test_light_passes_straight_through_as_mitsuba_has_it(name, direction):
     assert np.array(found).any()
 
 
-@pytest.mark.parametrize("name", ["thindielectric", "mask(thindielectric)", "null", "mask(mask)", "blend(null, dielectric)"])
+@pytest.mark.parametrize(
+    "name", ["thindielectric", "mask(thindielectric)", "null", "mask(mask)", "blend(null, dielectric)"]
+)
 def test_shadow_rays_and_followed_rays_pass_alike(name):
     """The straight-through transmission is the weight of the null lobes together."""
-    bsdf = mi.load_dict(ALL[name])
+    bsdf = made(ALL[name])
     si = interaction(DIRECTIONS[0], UV[0], 1)
-    nulls = [np.array(w) for _, w, _, kind in lobes.delta_lobes(bsdf, si, mi.Bool(True)) if kind == mi.BSDFFlags.Null]
+    nulls = [
+        np.array(w)
+        for _, w, _, kind in lobes.delta_lobes(bsdf, si, mi.Bool(True))
+        if kind == mi.BSDFFlags.Null
+    ]
     through = np.array(lobes.null_transmission(bsdf, si, mi.Bool(True)))
     np.testing.assert_allclose(sum(nulls).ravel(), np.broadcast_to(through.ravel(), 3), atol=1e-6)
 
@@ -212,9 +272,16 @@ def test_shadow_rays_and_followed_rays_pass_alike(name):
     ],
 )
 def test_what_cannot_be_split_is_refused_by_name(outer, inner):
-    shell = {"type": "normalmap", "normalmap": bent_normal} if outer == "NormalMap" else {"type": "bumpmap", "arbitrary": checkerboard}
-    bsdf = mi.load_dict({**shell, "nested": inner})
-    scene = mi.load_dict({"type": "scene", "ball": {"type": "sphere", "bsdf": {"type": "mask", "the_coat": bsdf}}}, optimize=False)
+    shell = (
+        {"type": "normalmap", "normalmap": bent_normal}
+        if outer == "NormalMap"
+        else {"type": "bumpmap", "arbitrary": bumps}
+    )
+    bsdf = made({**shell, "nested": inner})
+    scene = mi.load_dict(
+        {"type": "scene", "ball": {"type": "sphere", "bsdf": {"type": "mask", "the_coat": bsdf}}},
+        optimize=False,
+    )
     with pytest.raises(UsageError, match=f"the_coat.*{outer}"):
         World(scene)
 
@@ -246,7 +313,7 @@ def test_bsdfs_of_instances_are_found():
     ],
 )
 def test_diffuse_reflectance_is_that_of_the_diffuse_lobes(name, expected):
-    bsdf = mi.load_dict(ALL[name])
+    bsdf = made(ALL[name])
     front, back = (interaction((0.1, 0.2, z), UV[0], 1) for z in (0.9, -0.9))
     if expected is None:
         assert np.array(lobes.diffuse_reflectance(bsdf, front, mi.Bool(True))).ravel()[0] > 0.2

@@ -29,7 +29,7 @@ MOST = 1 << 28  # values of all replicates together, 1 GiB
 SECONDS = 30.0  # at most for rendering, where neither spp nor time is given
 TILE_TOLERANCE = 5  # times the tolerance of the image
 PILOTS, PILOT_SPP = 8, 16
-SPP_RANGE = 64, 1 << 16  # of the pilot's choice; with fewer, replicates are far from normal
+NORMAL_SPP, MOST_SPP = 64, 1 << 16  # of the pilot's choice; with fewer, replicates are far from normal
 IMAGE_MARGIN, TILE_MARGIN = 5, 8  # standard errors that shall fit into the tolerance: interval and scatter
 
 
@@ -281,9 +281,9 @@ def _choose_spp(sides, scene, camera, replicates, time, seed, tolerance):
         seconds += (clock.perf_counter() - start) / PILOTS
     allowed = PILOT_SPP * (time or SECONDS) / (replicates * seconds)
     image, tile = (error * math.sqrt(PILOTS / replicates) for error in relative_errors(*pilots))
-    needed = max(image * IMAGE_MARGIN / tolerance, tile * TILE_MARGIN / (TILE_TOLERANCE * tolerance)) ** 2
-    wanted = allowed if time else min(allowed, PILOT_SPP * needed)
-    return int(np.clip(wanted, *SPP_RANGE))
+    margin = max(image * IMAGE_MARGIN / tolerance, tile * TILE_MARGIN / (TILE_TOLERANCE * tolerance))
+    wanted = allowed if time else min(allowed, max(PILOT_SPP * margin**2, NORMAL_SPP))
+    return int(np.clip(wanted, 1, MOST_SPP))
 
 
 def _percent(x):

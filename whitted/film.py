@@ -124,6 +124,13 @@ def colours(L, wavelengths, channels=3):
     return [L.x] * channels if mi.is_monochromatic else list(L)
 
 
+def luminance(L, wavelengths):
+    """Return the luminance of a ``Spectrum`` (``Float``)."""
+    if mi.is_monochromatic:
+        return L.x
+    return mi.luminance(L, wavelengths) if mi.is_spectral else mi.luminance(L)
+
+
 @contextmanager
 def cropped(sensor, window=None):
     """Give the sensor's film another crop for a while; yield the ``Window`` of the one it has.

@@ -220,8 +220,8 @@ def render(
     integrator, note = as_integrator(integrator, scene.mitsuba)
     if note:
         warnings.warn(note, stacklevel=2)
-    if not scene.mitsuba.emitters():
-        warnings.warn(f"scene '{scene.name}' has no emitter: the picture is black", stacklevel=2)
+    for warning in _warnings(scene, integrator):
+        warnings.warn(warning, stacklevel=2)
     _check_limits(spp, time, target_error, replicates)
     camera = scene.mitsuba.sensors()[sensor]
     if spp is None and time is None and target_error is None and resume is None:
@@ -349,6 +349,14 @@ def _passes(integrator, scene, sensor, window, seed, replicates):
         return [*radiance, found["alpha"], found["lost_by_depth"] + found["lost_by_cutoff"]]
 
     return TreePasses(integrator, scene, sensor, window, groups, encode, channels + 2)
+
+
+def _warnings(scene, integrator):
+    """What a user should know of a scene before looking at its picture."""
+    if not scene.mitsuba.emitters():
+        yield f"scene '{scene.name}' has no emitter: the picture is black"
+    if hasattr(integrator, "estimate") and any(shape.is_medium_transition() for shape in scene.mitsuba.shapes()):
+        yield f"scene '{scene.name}' has participating media, which are ignored"
 
 
 def _settings(scene, integrator, sensor, window, seed, replicates, passes):

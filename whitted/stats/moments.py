@@ -69,5 +69,6 @@ class Moments:
 
 def _ratio(a, weights):
     """``a / weights`` with 0 where the weight is 0; ``weights`` has one axis less than ``a``."""
-    weights = weights[..., None]
-    return np.divide(a, weights, out=np.zeros(a.shape), where=weights != 0)
+    inverse = np.zeros_like(weights)
+    np.divide(1, weights, out=inverse, where=weights != 0)
+    return a * inverse[..., None]
