@@ -2,8 +2,8 @@
 
 First it is asked whether both estimate the same light paths of the scene (`whitted.path_classes`); if so, a
 pilot chooses the number of samples, fresh replicates of both are rendered, and `whitted.stats.agreement`
-judges them. The number of samples is fixed before the data that are judged exist. Left out: what only
-gradients show.
+judges them. The number of samples is fixed before the data that are judged exist. A difference has to show up
+twice: the second time in fresh replicates of four times the samples. Left out: what only gradients show.
 """
 
 import contextlib
@@ -23,6 +23,8 @@ from whitted.scene import as_scene
 from whitted.scene import integrator as make_integrator
 from whitted.stats.agreement import assess, relative_errors
 
+CONFIRM_FACTOR = 4  # rare, skewed noise can pass for a difference: one must show up again in more samples
+CONFIRM_SEED = 50021  # apart from the seeds of all sides
 REPLICATES = 32  # of each side; 16 for pictures beyond LARGE values
 LARGE = 1 << 19
 MOST = 1 << 28  # values of all replicates together, 1 GiB
@@ -175,11 +177,16 @@ def check(
         replicates = _replicates(replicates, camera)
         if spp is None:
             spp = _choose_spp(sides, scene.mitsuba, camera, replicates, time, seed, tolerance)
-        spp = whole_grid(spp)
-        images = _render(sides, scene.mitsuba, camera, replicates, spp, seed, progress)
-    found = assess(
-        *images, tolerance=tolerance, tile_tolerance=facts["tile_tolerance"], level=level, seed=seed
-    )
+        for attempt in range(2):
+            spp = whole_grid(spp * CONFIRM_FACTOR**attempt)
+            images = _render(sides, scene.mitsuba, camera, replicates, spp, seed + attempt * CONFIRM_SEED, progress)
+            tolerances = {"tolerance": tolerance, "tile_tolerance": facts["tile_tolerance"]}
+            found = assess(*images, **tolerances, level=level, seed=seed)
+            if found.verdict != "differ":
+                break
+        if attempt:
+            confirmed = "confirmed" if found.verdict == "differ" else "not confirmed"
+            notes += (f"a first difference was {confirmed} by fresh replicates of {CONFIRM_FACTOR} times the samples",)
     return Agreement(
         found.verdict,
         found.reason,

@@ -1,6 +1,6 @@
 """The ray tree of a pixel as a drawing, as every course has it on the blackboard.
 
-Whitted 1980 (`whitted1980`), figures 2 and 3: the edges of the tree are the rays, its nodes the points that
+Whitted 1980 ([Whitted1980]), figures 2 and 3: the edges of the tree are the rays, its nodes the points that
 they meet. `whitted.words` describes the tree. Left out: the shapes of the surfaces.
 """
 
