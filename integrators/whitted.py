@@ -65,13 +65,15 @@ class WhittedIntegrator(mi.SamplingIntegrator):
 
     def __init__(self, props):
         super().__init__(props)
-        self.max_depth = int(props.get("max_depth", 8))
+        self.max_depth = props.get("max_depth", 8)
         self.min_contribution = float(props.get("min_contribution", 1 / 1024))
         self.shadows = bool(props.get("shadows", True))
         self.hide_emitters = bool(props.get("hide_emitters", False))
         self.ambient = props.get_emissive_texture("ambient") if "ambient" in props else None
-        if not 0 <= self.max_depth <= MAX_DEPTH:
-            raise UsageError(f"max_depth is {self.max_depth}; accepted are 0 to {MAX_DEPTH}")
+        if not (isinstance(self.max_depth, int) and 0 <= self.max_depth <= MAX_DEPTH):
+            raise UsageError(
+                f"max_depth is {self.max_depth}; accepted are whole numbers from 0 to {MAX_DEPTH}"
+            )
         if not 0 <= self.min_contribution < float("inf"):
             raise UsageError(f"min_contribution is {self.min_contribution}; accepted are 0 and above")
 

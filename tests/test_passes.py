@@ -273,12 +273,17 @@ def test_error_of_the_pictures_mean_is_the_spread_over_seeds():
 
 
 def test_a_target_error_is_kept(short_passes):
-    """True relative errors over 24 seeds against the target: stopping early at luck is worth a few percent."""
-    scene = room()
+    """True relative errors over 24 seeds against the target, on a picture without rare bright samples.
+
+    Where there are some, renders stop early that have met none of them yet, which no estimate can know.
+    """
+    scene, target = room(ball={"type": "diffuse"}), 0.03
     truth = whitted.render(scene, WHITTED, spp=4096, seed=999).mean.astype(np.float64)
-    found = [whitted.render(scene, WHITTED, target_error=0.04, replicates=8, seed=seed) for seed in seeds(24)]
+    found = [
+        whitted.render(scene, WHITTED, target_error=target, replicates=8, seed=seed) for seed in seeds(24)
+    ]
     errors = [np.sqrt(np.mean((r.mean - truth) ** 2)) / truth.mean() for r in found]
-    assert 0.01 < np.sqrt(np.mean(np.square(errors))) < 0.04 * 1.1
+    assert 0.5 * target < np.sqrt(np.mean(np.square(errors))) < 1.1 * target
 
 
 def test_which_kind_of_error_it_is(scene):

@@ -1,4 +1,3 @@
-
 """Scenes load as Mitsuba loads them, and every mistake in one is told in one line: file, line and value."""
 
 import shutil

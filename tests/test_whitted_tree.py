@@ -93,7 +93,9 @@ def with_spheres(left, right, floor=None, **others):
 
 
 def glass():
-    return with_spheres(dielectric(1.5), dielectric(1.3), panel=panel(), sky={"type": "constant", "radiance": 0.2})
+    return with_spheres(
+        dielectric(1.5), dielectric(1.3), panel=panel(), sky={"type": "constant", "radiance": 0.2}
+    )
 
 
 def image_lit():
@@ -118,7 +120,9 @@ def thin():
 
 def four_children():
     two = blend(dielectric(1.5), dielectric(1.2), 0.4)
-    return with_spheres(two, blend(dielectric(), diffuse(0.8, 0.2, 0.2), checkerboard(0.3, 0.8)), panel=panel())
+    return with_spheres(
+        two, blend(dielectric(), diffuse(0.8, 0.2, 0.2), checkerboard(0.3, 0.8)), panel=panel()
+    )
 
 
 def nested():

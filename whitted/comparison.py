@@ -179,14 +179,18 @@ def check(
             spp = _choose_spp(sides, scene.mitsuba, camera, replicates, time, seed, tolerance)
         for attempt in range(2):
             spp = whole_grid(spp * CONFIRM_FACTOR**attempt)
-            images = _render(sides, scene.mitsuba, camera, replicates, spp, seed + attempt * CONFIRM_SEED, progress)
+            images = _render(
+                sides, scene.mitsuba, camera, replicates, spp, seed + attempt * CONFIRM_SEED, progress
+            )
             tolerances = {"tolerance": tolerance, "tile_tolerance": facts["tile_tolerance"]}
             found = assess(*images, **tolerances, level=level, seed=seed)
             if found.verdict != "differ":
                 break
         if attempt:
             confirmed = "confirmed" if found.verdict == "differ" else "not confirmed"
-            notes += (f"a first difference was {confirmed} by fresh replicates of {CONFIRM_FACTOR} times the samples",)
+            notes += (
+                f"a first difference was {confirmed} by fresh replicates of {CONFIRM_FACTOR} times the samples",
+            )
     return Agreement(
         found.verdict,
         found.reason,

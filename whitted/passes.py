@@ -96,14 +96,35 @@ class TreePasses:
 
 
 class MitsubaPasses:
-    """Passes of any other integrator of Mitsuba, which fills the film itself; each is independent."""
+    """Passes of any other integrator of Mitsuba, which fills the film itself; each is independent of the others.
 
-    def __init__(self, integrator, scene, sensor, window, seed, groups):
+    Args:
+        integrator, scene, sensor: objects of Mitsuba.
+        window: the pixels wanted, ``Window``.
+        seed: ``int``.
+        replicates: passes at least, between which the error is taken. With 1 a pass is as large as fits, so that a
+            stratified sampler isn't hurt; of a single pass the error isn't known.
+        spp: samples per pixel asked for, or None.
+    """
+
+    kind = "replicates"
+
+    def __init__(self, integrator, scene, sensor, window, seed, replicates, spp):
         self.integrator, self.scene, self.sensor, self.window = integrator, scene, sensor, window
-        self.seed, self.count, self.lanes = seed, groups, window.pixels
-        self.groups = Replicates(seed, groups)
+        self.seed, self.lanes = seed, window.pixels
+        self.count = replicates if replicates > 1 else SEGMENTS
+        self.share = -(-spp // replicates) if spp else MAX_SPP
         self.total, self.weights = {}, {}
         self.rays, self.truncation, self.nonfinite = {}, None, 0
+
+    @property
+    def groups(self):
+        """How samples are shared out: by pass."""
+        return self
+
+    def end(self, start, wanted):
+        """Return where a pass that begins at ``start`` has to end at the latest."""
+        return start + min(wanted, self.share)
 
     def run(self, start, stop):
         """Take as many samples as there are from ``start`` to ``stop``, as one group's."""
@@ -218,19 +239,19 @@ def render(
     scene = as_scene(scene)
     _backend.check(mi.variant())
     integrator, note = as_integrator(integrator, scene.mitsuba)
-    if note:
-        warnings.warn(note, stacklevel=2)
-    for warning in _warnings(scene, integrator):
-        warnings.warn(warning, stacklevel=2)
+    if hasattr(integrator, "estimate"):
+        World(scene.mitsuba)  # refuses what it can't render
     _check_limits(spp, time, target_error, replicates)
     camera = scene.mitsuba.sensors()[sensor]
     if spp is None and time is None and target_error is None and resume is None:
         spp = camera.sampler().sample_count()
 
     with _window(camera, crop) as window:
-        passes = _passes(integrator, scene.mitsuba, camera, window, seed, replicates)
+        passes = _passes(integrator, scene.mitsuba, camera, window, seed, replicates, spp)
         settings = _settings(scene, integrator, camera, window, seed, replicates, passes)
         first, goal = _range(resume, settings, spp)
+        for warning in [*([note] if note else []), *_warnings(scene, integrator)]:
+            warnings.warn(warning, stacklevel=2)
         loop = _Loop(passes, first, goal, time, target_error, progress, resume)
         with stop_on_signals() as stopped:
             loop.run(stopped)
@@ -335,12 +356,10 @@ class _Loop:
         )
 
 
-def _passes(integrator, scene, sensor, window, seed, replicates):
+def _passes(integrator, scene, sensor, window, seed, replicates, spp):
     """The passes of an integrator: ours, or Mitsuba's."""
     if not hasattr(integrator, "estimate"):
-        return MitsubaPasses(
-            integrator, scene, sensor, window, seed, replicates if replicates > 1 else SEGMENTS
-        )
+        return MitsubaPasses(integrator, scene, sensor, window, seed, replicates, spp)
     groups = Replicates(seed, replicates) if replicates > 1 else Segments(seed)
     channels = 1 if mi.is_monochromatic else 3
 
@@ -355,7 +374,9 @@ def _warnings(scene, integrator):
     """What a user should know of a scene before looking at its picture."""
     if not scene.mitsuba.emitters():
         yield f"scene '{scene.name}' has no emitter: the picture is black"
-    if hasattr(integrator, "estimate") and any(shape.is_medium_transition() for shape in scene.mitsuba.shapes()):
+    if hasattr(integrator, "estimate") and any(
+        shape.is_medium_transition() for shape in scene.mitsuba.shapes()
+    ):
         yield f"scene '{scene.name}' has participating media, which are ignored"
 
 
