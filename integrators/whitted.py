@@ -94,6 +94,19 @@ class WhittedIntegrator(mi.SamplingIntegrator):
         with dr.suspend_grad():
             return _Tree(self, world, ray, draws).grow(mi.Bool(active) & (self.max_depth > 0))
 
+    def effects(self, world, sensor):
+        """Return the names of the effects that are simulated on a scene: the distributed ones, and the branches."""
+        branches = world.flags if self.max_depth > 1 else 0
+        simulated = {
+            "antialiasing": True,
+            "soft_shadows": self.shadows and self.max_depth > 1 and any(world.needs_sample),
+            "reflection": branches & mi.BSDFFlags.DeltaReflection,
+            "refraction": branches & (mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.Null),
+            "depth_of_field": sensor.needs_aperture_sample(),
+            "motion_blur": dr.any(sensor.shutter_open_time() > 0),
+        }
+        return [effect for effect, present in simulated.items() if present]
+
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Estimate the radiance along ``ray``, as Mitsuba's integrators do when they are nested."""
         world = World(scene, self.hide_emitters)

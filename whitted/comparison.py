@@ -28,7 +28,7 @@ CONFIRM_SEED = 50021  # apart from the seeds of all sides
 REPLICATES = 32  # of each side; 16 for pictures beyond LARGE values
 LARGE = 1 << 19
 MOST = 1 << 28  # values of all replicates together, 1 GiB
-SECONDS = 30.0  # at most for rendering, where neither spp nor time is given
+SECONDS = 120.0  # at most for rendering, where neither spp nor time is given
 TILE_TOLERANCE = 5  # times the tolerance of the image
 PILOTS, PILOT_SPP = 8, 16
 NORMAL_SPP, MOST_SPP = 64, 1 << 16  # of the pilot's choice; with fewer, replicates are far from normal
@@ -147,7 +147,7 @@ def check(
             where light passes straight through surfaces of the scene.
         spp: samples per pixel of each replicate, > 0; rounded up to a full grid of the sampler.
         time: seconds of rendering after compilation, > 0; where spp is given it is not used. With neither, as
-            many samples as the tolerance needs according to a pilot, in at most 30 s.
+            many samples as the tolerance needs according to a pilot, in at most 120 s.
         seed: >= 0; equal seeds give equal results.
         tolerance: relative bias that the image may have, in (0, 1); a 16x16 tile may have five times that.
         replicates: of each side, >= 8; by default 32, and 16 for large pictures.

@@ -239,16 +239,20 @@ def render(
     scene = as_scene(scene)
     _backend.check(mi.variant())
     integrator, note = as_integrator(integrator, scene.mitsuba)
-    if hasattr(integrator, "estimate"):
-        World(scene.mitsuba)  # refuses what it can't render
-    _check_limits(spp, time, target_error, replicates)
     camera = scene.mitsuba.sensors()[sensor]
+    ours = hasattr(integrator, "estimate")
+    effects = (
+        integrator.effects(World(scene.mitsuba), camera) if ours else []
+    )  # and refuse what can't be rendered
+    _check_limits(spp, time, target_error, replicates)
     if spp is None and time is None and target_error is None and resume is None:
         spp = camera.sampler().sample_count()
 
     with _window(camera, crop) as window:
         passes = _passes(integrator, scene.mitsuba, camera, window, seed, replicates, spp)
-        settings = _settings(scene, integrator, camera, window, seed, replicates, passes)
+        settings = _settings(scene, integrator, camera, window, seed, replicates, passes) | {
+            "effects": effects
+        }
         first, goal = _range(resume, settings, spp)
         for warning in [*([note] if note else []), *_warnings(scene, integrator)]:
             warnings.warn(warning, stacklevel=2)

@@ -68,6 +68,7 @@ class Render:
         nonfinite: samples that weren't finite; they are left out.
         partial: it ended before it was done.
         window: the pixels held, ``Window`` within a film of ``size`` (width, height).
+        effects: names of the effects simulated, as far as the integrator tells.
         error_kind: ``replicates``, or ``segments (upper bound)``.
     """
 

@@ -1,5 +1,8 @@
 """What rays meet: the one place where an integrator touches the scene, and where rays are counted."""
 
+import functools
+import operator
+
 import drjit as dr
 import mitsuba as mi
 
@@ -13,6 +16,8 @@ class World:
     """Mitsuba's own scene: its Embree or OptiX structure, its BSDFs and its emitters.
 
     ``rays`` counts the rays of each kind of ``KINDS`` per lane; a symbolic loop carries it as part of its state.
+
+    ``flags`` are those of all BSDFs together; ``branching`` is the largest number of delta lobes at one point.
 
     Args:
         scene: ``mi.Scene``.
@@ -37,7 +42,8 @@ class World:
         bsdfs = bsdfs_of(scene)
         for bsdf in bsdfs:
             lobes.check_supported(bsdf)
-        self.is_transparent = any(int(b.flags()) & mi.BSDFFlags.Null for b in bsdfs)
+        self.flags = functools.reduce(operator.or_, (int(bsdf.flags()) for bsdf in bsdfs), 0)
+        self.is_transparent = bool(self.flags & mi.BSDFFlags.Null)
         self.branching = max(map(lobes.count, bsdfs), default=0)
         self.rays = {kind: mi.UInt32(0) for kind in KINDS}
 
