@@ -52,6 +52,7 @@ class WhittedIntegrator(mi.SamplingIntegrator):
       reflections; participating media.
     * Bias: none for these paths with ``min_contribution`` 0 and ``ambient`` 0. The radiance given up to
       ``max_depth`` and to ``min_contribution`` is estimated without bias and reported with the picture.
+    * Rays that only serve to estimate a loss are counted with the others: a few in a hundred.
     * Gradients are not available: the tree's stack lies in local memory, which Dr.Jit doesn't differentiate.
 
     .. code-block:: xml
@@ -253,7 +254,7 @@ class _Tree:
         for slot, ((wo, weight, eta, kind), share) in enumerate(zip(children, importance, strict=True)):
             child = self.Node(w=w * weight, eta=node.eta * eta, depth=node.depth + 1)
             child.id = node.id * world.branching + (slot + 1)
-            present = active & (share > 0)
+            present = active & ~(share <= 0)  # NaN is followed, and counted in the end
             throughput = dr.mean(node.w * weight) * dr.square(child.eta)
             sums["dropped_by_depth"] += dr.select(ends, throughput, 0)
 

@@ -1,4 +1,4 @@
-"""The pass loop: what stops it, what its error says, and that the same settings give the same bits.
+"""The pass loop: what stops it, and what its error says.
 
 Seeds are fixed; each statistical test states with what probability it would fail for correct code, had they been
 drawn at random. In total that is below 1 %.
@@ -12,7 +12,6 @@ from whitted_scenes import films, room
 import whitted
 from whitted import passes
 from whitted.errors import UsageError
-from whitted.film import Window
 
 WHITTED = {"type": "whitted", "max_depth": 5}
 
@@ -134,118 +133,12 @@ def test_what_makes_no_sense_is_refused(scene, wrong):
         whitted.render(scene, WHITTED, **wrong)
 
 
-# ---- The same bits
-
-
-@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
-def test_the_same_seed_gives_the_same_bits_and_another_does_not(rfilter):
-    scene = room(rfilter)
-    first, again, other = (whitted.render(scene, WHITTED, spp=9, seed=seed) for seed in (4, 4, 5))
-    same(first.mean, again.mean)
-    same(first.standard_error, again.standard_error)
-    assert first.rays == again.rays
-    assert (first.mean != other.mean).any()
-
-
-THREADS = """
-import sys
-from hashlib import sha256
-import whitted, mitsuba as mi, drjit as dr
-mi.set_variant("llvm_ad_rgb")
-sys.path.append(sys.argv[1])
-from whitted_scenes import room
-for threads in (1, 2, 2):
-    dr.set_thread_count(threads)
-    for rfilter in ("box", "gaussian"):
-        picture = whitted.render(room(rfilter, size=48), "whitted", spp=20).mean
-        alone = mi.render(room(rfilter, size=48), integrator=mi.load_dict({"type": "whitted"}), spp=20)
-        print(rfilter, sha256(picture.tobytes()).hexdigest(), sha256(alone.numpy().tobytes()).hexdigest())
-"""
-
-
-def test_threads_change_no_bit(python, request):
-    done = python(THREADS, request.path.parent)
-    assert done.returncode == 0, done.stderr
-    assert len(set(done.stdout.splitlines())) == 2
-
-
-@pytest.mark.parametrize("rfilter", ["box", "gaussian", "lanczos"])
-@pytest.mark.parametrize("crop", [(5, 3, 6, 9), (0, 0, 4, 4), (13, 15, 3, 1)])
-def test_a_crop_is_the_same_bits_as_in_the_whole(rfilter, crop):
-    x, y, width, height = crop
-    part = np.s_[y : y + height, x : x + width]
-    whole = whitted.render(room(rfilter), WHITTED, spp=9)
-    asked = whitted.render(room(rfilter), WHITTED, spp=9, crop=crop)
-    films_own = whitted.render(room(rfilter, crop=crop), WHITTED, spp=9)
-    assert asked.window == films_own.window == Window(*crop)
-    for found in (asked, films_own):
-        same(found.mean, whole.mean[part])
-        same(found.standard_error, whole.standard_error[part])
-
-
-@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
-def test_mitsubas_own_render_call_crops_the_same_bits_too(rfilter):
-    integrator = mi.load_dict(WHITTED)
-    whole = np.array(mi.render(room(rfilter), integrator=integrator, spp=5))
-    part = np.array(mi.render(room(rfilter, crop=(5, 3, 6, 9)), integrator=integrator, spp=5))
-    same(part, whole[3:12, 5:11])
-
-
-def test_mitsubas_own_render_call_takes_the_same_samples(scene):
-    alone = np.array(mi.render(scene, integrator=mi.load_dict(WHITTED), spp=12, seed=3))
-    np.testing.assert_allclose(alone, whitted.render(scene, WHITTED, spp=12, seed=3).mean, rtol=1e-5)
-
-
-@pytest.mark.parametrize("replicates", [1, 5])
-@pytest.mark.parametrize("rfilter", ["box", "gaussian"])
-def test_samples_may_be_taken_in_two_runs(rfilter, replicates):
-    scene = room(rfilter)
-    options = {"replicates": replicates, "seed": 6}
-    whole = whitted.render(scene, WHITTED, spp=64, **options)
-    first = whitted.render(scene, WHITTED, spp=16, **options)
-    both = whitted.render(scene, WHITTED, spp=48, resume=first, **options)
-    assert both.spp == 64
-    np.testing.assert_allclose(both.mean, whole.mean, rtol=1e-6)
-    np.testing.assert_allclose(both.standard_error, whole.standard_error, rtol=1e-5)
-
-
-@pytest.mark.parametrize(
-    "changed", [{"seed": 1}, {"replicates": 2}, {"crop": (0, 0, 8, 8)}, {"integrator": "whitted:max_depth=2"}]
-)
-def test_samples_of_another_render_are_not_added(scene, changed):
-    first = whitted.render(scene, "whitted", spp=4)
-    with pytest.raises(UsageError, match="can't continue"):
-        whitted.render(scene, **{"integrator": "whitted", "spp": 4, "resume": first, **changed})
-
-
-def test_edits_of_the_scene_are_seen(scene):
-    before = whitted.render(scene, WHITTED, spp=4).mean
-    parameters = mi.traverse(scene)
-    key = "panel.emitter.radiance.value"
-    parameters[key] = parameters[key] * 2
-    parameters.update()
-    np.testing.assert_allclose(whitted.render(scene, WHITTED, spp=4).mean, 2 * before, rtol=1e-5)
-    parameters["ball.to_world"] = mi.Transform4f().translate([0, 100, 0])
-    parameters.update()
-    moved = whitted.render(scene, WHITTED, spp=4)
-    assert moved.rays["transmission"] == 0
-
-
-def test_the_scene_is_left_as_it_was(scene):
-    film = scene.sensors()[0].film()
-    whitted.render(scene, WHITTED, spp=1, crop=(2, 2, 5, 5))
-    assert list(film.crop_size()) == [16, 16]
-    assert list(film.crop_offset()) == [0, 0]
-    whitted.render(scene, "path", spp=1, crop=(2, 2, 5, 5))
-    assert list(film.crop_size()) == [16, 16]
-
-
 # ---- What the error says
 
 
-def claimed_and_true(rfilter, count, spp=16, integrator=WHITTED, **options):
+def claimed_and_true(rfilter, count, spp=16, integrator=WHITTED, ball=None, **options):
     """Return the mean variance that renders claim, and that between them, over the picture."""
-    scene = room(rfilter)
+    scene = room(rfilter, ball=ball)
     found = [whitted.render(scene, integrator, spp=spp, seed=seed, **options) for seed in seeds(count)]
     claimed = np.mean([np.square(r.standard_error, dtype=np.float64) for r in found])
     return claimed, np.var([r.mean for r in found], axis=0, ddof=1, dtype=np.float64).mean(), found
@@ -253,15 +146,15 @@ def claimed_and_true(rfilter, count, spp=16, integrator=WHITTED, **options):
 
 @pytest.mark.parametrize("rfilter", films())
 def test_error_between_replicates_is_the_spread_over_seeds(rfilter):
-    """The ratio of variances has a standard deviation of 4 % (measured): 15 % fails with 2e-4 for each filter."""
-    claimed, true, _ = claimed_and_true(rfilter, 32, replicates=8)
-    assert claimed / true == pytest.approx(1, abs=0.15)
+    """The ratio of variances has a standard deviation of 6 % (measured): 25 % fails with 4e-5 for each filter."""
+    claimed, true, _ = claimed_and_true(rfilter, 32, ball={"type": "diffuse"}, replicates=8)
+    assert claimed / true == pytest.approx(1, abs=0.25)
 
 
 def test_error_between_segments_is_an_upper_bound():
-    """Below 1 would be no bound; the ratio is about 2 here, and its standard deviation 4 %."""
+    """Below 1 would be no bound; the ratio is 3.3 here, and its standard deviation 0.2 (measured)."""
     claimed, true, _ = claimed_and_true("box", 32, spp=64)
-    assert 1 < claimed / true < 8
+    assert 1.5 < claimed / true < 6
 
 
 def test_error_of_the_pictures_mean_is_the_spread_over_seeds():
@@ -299,11 +192,13 @@ def test_which_kind_of_error_it_is(scene):
 
 @pytest.mark.parametrize("rfilter", ["box", "gaussian"])
 def test_mitsubas_integrators_go_through_the_same_loop(rfilter):
-    """Equal means at max_depth 2: a z-test of 4 sigma, 6e-5. The error: as above, 15 % fails with 2e-4."""
-    path = {"type": "path", "max_depth": 2}
-    claimed, true, found = claimed_and_true(rfilter, 16, spp=32, integrator=path, replicates=8)
-    assert claimed / true == pytest.approx(1, abs=0.2)
-    ours = whitted.render(room(rfilter), {"type": "whitted", "max_depth": 2}, spp=256, replicates=8)
+    """Equal means at max_depth 2: a z-test of 4 sigma, 6e-5. The error: 25 % fails with 4e-5, as above."""
+    path, grey = {"type": "path", "max_depth": 2}, {"type": "diffuse"}
+    claimed, true, found = claimed_and_true(rfilter, 24, spp=32, integrator=path, ball=grey, replicates=8)
+    assert claimed / true == pytest.approx(1, abs=0.25)
+    ours = whitted.render(
+        room(rfilter, ball=grey), {"type": "whitted", "max_depth": 2}, spp=256, replicates=8
+    )
     means = [r.mean.mean(dtype=np.float64) for r in found]
     error = np.hypot(np.std(means, ddof=1) / np.sqrt(len(means)), ours.error["standard_error_mean"])
     assert abs(np.mean(means) - ours.mean.mean(dtype=np.float64)) < 4 * error

@@ -1,6 +1,7 @@
 """Small scenes that several tests share."""
 
 import mitsuba as mi
+import numpy as np
 
 
 def films():
@@ -63,3 +64,66 @@ def room(rfilter="box", size=16, crop=None, panel_in_view=False, ball=None):
         },
         optimize=False,
     )
+
+
+PATH = {"type": "path", "max_depth": 2}
+VOLPATH = {"type": "volpath", "max_depth": 2}
+WHITTED = {"type": "whitted", "max_depth": 2}
+ROUGH = {"type": "roughconductor", "alpha": 0.3}
+GREY = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.6, 0.4, 0.3]}}
+
+
+def stage(sensor=None, floor=GREY, **things):
+    """A floor under other things."""
+    ground = {"type": "rectangle", "to_world": transform().rotate([1, 0, 0], -90).scale(2.5), "bsdf": floor}
+    return mi.load_dict(
+        {"type": "scene", "sensor": sensor or camera(), "floor": ground, **things}, optimize=False
+    )
+
+
+def ball(bsdf=ROUGH):
+    return {"type": "sphere", "center": [0, 0.6, 0], "radius": 0.5, "bsdf": bsdf}
+
+
+def bitmap(width=8, height=4):
+    rows = np.random.default_rng(2).uniform(0.2, 2, (height, width, 3)).astype(np.float32)
+    return mi.Bitmap(rows)
+
+
+def panel(radiance):
+    to_world = transform().translate([0.5, 2, 1]).rotate([1, 0, 0], 90).scale(0.6)
+    return {"type": "rectangle", "to_world": to_world, "emitter": {"type": "area", "radiance": radiance}}
+
+
+def from_above(at=(0.5, 3, 1.5)):
+    return transform().look_at(list(at), [0, 0, 0], [0, 1, 0])
+
+
+def window():
+    """An emitting square with one direction."""
+    emitter = {"type": "directionalarea", "radiance": 5.0}
+    to_world = transform().translate([0, 2, 0]).rotate([1, 0, 0], 90)
+    return {"type": "rectangle", "to_world": to_world, "emitter": emitter}
+
+
+EMITTERS = {
+    "area": lambda: panel({"type": "rgb", "value": [5, 4, 3]}),
+    "area, textured": lambda: panel(
+        {"type": "bitmap", "bitmap": bitmap(), "raw": True, "filter_type": "nearest"}
+    ),
+    "constant": lambda: {"type": "constant", "radiance": 0.8},
+    "directional": lambda: {"type": "directional", "direction": [0.3, -1, -0.5], "irradiance": 1.5},
+    "directionalarea": window,
+    "envmap": lambda: {"type": "envmap", "bitmap": bitmap()},
+    "point": lambda: {"type": "point", "position": [1, 2, 1.5], "intensity": 4.0},
+    "projector": lambda: {
+        "type": "projector",
+        "to_world": from_above(),
+        "fov": 50,
+        "irradiance": {"type": "bitmap", "bitmap": bitmap(), "raw": True},
+    },
+    "spot": lambda: {"type": "spot", "to_world": from_above(), "intensity": 9.0, "cutoff_angle": 30},
+    "sunsky": lambda: {"type": "sunsky", "to_world": transform().rotate([1, 0, 0], -90), "sun_scale": 0.0},
+    "sunsky, with sun": lambda: {"type": "sunsky", "to_world": transform().rotate([1, 0, 0], -90)},
+}
+NO_EMITTERS = {"timed_sunsky": "Mitsuba's own integrators fail on it in the llvm variants"}

@@ -113,8 +113,9 @@ def eye_rays(sensor, size, grid, groups):
     if dr.any(sensor.shutter_open_time() > 0):
         time = time + draws("time").x * sensor.shutter_open_time()
     wavelength = draws("wavelength").x if mi.is_spectral else mi.Float(0)
-    ray, weight = sensor.sample_ray(time, wavelength, position, lens, active)
-    return ray, weight, draws, offset, active
+    # As Mitsuba calls it: some sensors have no other form
+    ray, weight = sensor.sample_ray_differential(time, wavelength, position, lens, active)
+    return mi.Ray3f(ray), weight, draws, offset, active
 
 
 def colours(L, wavelengths, channels=3):

@@ -71,6 +71,8 @@ class TreePasses:
             ray, weight, draws, offset, active = eye_rays(self.sensor, self.size, grid, self.groups)
             world = World(self.scene, self.integrator.hide_emitters)
             found = self.integrator.estimate(world, ray, draws, active)
+            for name in Truncation.NAMES:  # what is only measured must not cost the picture a sample
+                found[name] = dr.select(dr.isfinite(found[name]), found[name], 0)
             values = self.encode(found, weight, ray)
             tally = dr.zeros(mi.UInt32, len(KINDS))
             for number, kind in enumerate(KINDS):
@@ -218,7 +220,8 @@ def render(
         integrator: ``"NAME[:key=value,...]"``, a dict, an ``mi.Integrator``, or None for the scene's own.
         spp: samples per pixel, 1 or more; where no limit is given, the scene's.
         time: seconds of rendering after the kernel is compiled; overrun by one pass at most.
-        target_error: root mean square error of the picture as estimated, divided by the picture's mean.
+        target_error: root mean square error of the picture as estimated, divided by the picture's mean. Rare
+            bright samples that haven't come up yet aren't in the estimate.
         seed: ``int``; the same seed gives the same bits with one of our integrators.
         replicates: number of independent randomisations between which the error is taken; 1 keeps one
             sequence whole, which is less noisy, and takes an upper bound of the error from its segments.
@@ -299,6 +302,8 @@ class _Loop:
 
     def _pass(self):
         wanted = min(_samples_per_pass(self.passes.lanes), self.goal - self.spp)
+        if self.target_error is not None:
+            wanted = min(wanted, max(self.spp, SEGMENTS))  # look early, and each time twice as far
         if self.limit is not None:
             taken = self.spp - self.first
             rate = (self.wall - self.compile) / taken if taken else math.inf
@@ -447,6 +452,8 @@ def _samples_per_pass(lanes):
 
 def _relative_error(moments):
     """Root mean square of the standard errors divided by the picture's mean, or None."""
+    count = 1 if mi.is_monochromatic else 3  # alpha and losses are no part of the picture
+    moments = Moments(moments.sums[..., :count], moments.weights)
     stderr = moments.standard_error()
     if stderr is None:
         return None

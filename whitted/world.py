@@ -91,7 +91,7 @@ class World:
             met = active & hit.is_valid()
             through = dr.dispatch(hit.bsdf(), lobes.null_transmission, hit, met)
             passed = dr.select(met, passed * through, passed)
-            return hit.spawn_ray_to(target), passed, met & dr.any(passed != 0)
+            return hit.spawn_ray_to(target), passed, met & ~dr.all(passed == 0)
 
         _, passed, _ = dr.while_loop(
             (ray, mi.Spectrum(1), mi.Bool(active)), lambda *state: state[2], step, label="transmittance"
