@@ -27,7 +27,9 @@ def light_sample(world, si, draws, node, emitter, active, shadows=True):
     u = draws("light", node, emitter) if drawn else mi.Point2f(0)
     ds, weight = world.sample_light(emitter, si, u, active)
     value = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(ds.d), active) * weight
-    lit = active & (ds.pdf != 0) & ~dr.all(value == 0)  # NaN, for which no comparison holds, is lit and counted
+    lit = (
+        active & (ds.pdf != 0) & ~dr.all(value == 0)
+    )  # NaN, for which no comparison holds, is lit and counted
     visible = world.transmittance(si, ds.p, lit) if shadows else mi.Spectrum(1)
     return ds, dr.select(lit, value, 0), visible
 

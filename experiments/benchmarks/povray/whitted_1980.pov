@@ -13,7 +13,7 @@
 
 global_settings {
     assumed_gamma 1.0
-    max_trace_level 8      // max_depth
+    max_trace_level 8      // max_depth: the longest chain has 8 rays in both; here the hits of the 8th are lit, too
     adc_bailout 1/1024     // min_contribution
     ambient_light SKY
 }
@@ -29,7 +29,7 @@ camera {
     location <0, 2.7, 9>
     up y
     right -x
-    angle 38
+    angle 48
     look_at <0.15, 1.75, 0>
 }
 
