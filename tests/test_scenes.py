@@ -186,7 +186,7 @@ def test_whitted_1980_values():
 
 
 def test_whitted_1980_dark_spot_ends_at_depth_12():
-    scene = load("whitted_1980", width=128, height=128)
+    scene = load("whitted_1980", width=128, height=128, fov=38)
     deep, deeper, default = (
         np.array(make("whitted", max_depth=depth, min_contribution=0.0).render(scene, seed=0, spp=1))
         for depth in (12, 14, 8)
