@@ -15,7 +15,10 @@ PICTURES = (
     ("render", "cornell_box", "--spp", "64", "--png", "-o", FOLDER / "cornell_box.exr"),
 )
 PROOFS = (  # at max_depth=2 both trace direct light alone; the other scenes say why in their first comments
-    ("check", "cornell_box", "--integrator", "whitted:max_depth=2", "--reference", "path:max_depth=2"),
+    (
+        *("check", "cornell_box", "-D", "width=256", "-D", "height=256"),
+        *("--integrator", "whitted:max_depth=2", "--reference", "path:max_depth=2"),
+    ),
     ("check", "match_diffuse"),
     ("check", "match_specular"),
 )

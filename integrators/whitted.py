@@ -18,7 +18,7 @@ from whitted.world import World
 KEPT, BY_DEPTH, BY_CUTOFF = range(3)  # the accounts that light goes to: the picture, or one of the two losses
 CLEAR = 4  # tag bit: the path from the eye met nothing but null surfaces
 CARRY_ON = 16  # one in so many branches that are given up is followed, to estimate what is lost
-LONGEST_AUDIT = 0.7  # the highest probability with which such a branch goes on at each further surface
+LONGEST_AUDIT = 0.5  # the highest probability with which such a branch goes on at each further surface
 MAX_DEPTH = 128  # bounds the stack
 
 

@@ -5,6 +5,7 @@ gathers the samples that its reconstruction filter covers, in the order of their
 same seed gives the same bits, and a crop the bits of the whole picture.
 """
 
+import math
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -43,6 +44,8 @@ class Window:
 class Grid:
     """The samples of one pass, one per lane: block by block, then sample by sample, then pixel by pixel.
 
+    Rows of blocks are shuffled by a fixed stride, so that no thread gets all of a costly part of the picture.
+
     Args:
         window: the pixels that are sampled.
         start, stop: the numbers of the samples taken in each.
@@ -53,6 +56,8 @@ class Grid:
         self.left, self.top = window.x // BLOCK, window.y // BLOCK
         self.columns = -(-(window.x + window.width) // BLOCK) - self.left
         self.rows = -(-(window.y + window.height) // BLOCK) - self.top
+        self.stride = _coprime(round(0.618 * self.rows), self.rows)
+        self.stride_back = pow(self.stride, -1, self.rows)
 
     @property
     def lanes(self):
@@ -66,8 +71,9 @@ class Grid:
         sample = lane // BLOCK**2
         block = sample // dr.opaque(mi.UInt32, self.count)
         number = sample - block * dr.opaque(mi.UInt32, self.count) + dr.opaque(mi.UInt32, self.start)
-        row = block // dr.opaque(mi.UInt32, self.columns)
-        column = block - row * dr.opaque(mi.UInt32, self.columns)
+        slot = block // dr.opaque(mi.UInt32, self.columns)
+        column = block - slot * dr.opaque(mi.UInt32, self.columns)
+        row = slot * dr.opaque(mi.UInt32, self.stride) % dr.opaque(mi.UInt32, self.rows)
         x = mi.Int32(column * BLOCK + within % BLOCK) + dr.opaque(mi.Int32, self.left * BLOCK)
         y = mi.Int32(row * BLOCK + within // BLOCK) + dr.opaque(mi.Int32, self.top * BLOCK)
         return x, y, number, mi.UInt32(y >> 2) * 65536 + mi.UInt32(x >> 2), self.holds(x, y)
@@ -83,9 +89,18 @@ class Grid:
         """Return the lane of sample ``number`` of a pixel: the inverse of ``samples``."""
         column = mi.UInt32((x >> 2) - dr.opaque(mi.Int32, self.left))
         row = mi.UInt32((y >> 2) - dr.opaque(mi.Int32, self.top))
-        block = row * dr.opaque(mi.UInt32, self.columns) + column
+        slot = row * dr.opaque(mi.UInt32, self.stride_back) % dr.opaque(mi.UInt32, self.rows)
+        block = slot * dr.opaque(mi.UInt32, self.columns) + column
         sample = block * dr.opaque(mi.UInt32, self.count) + (number - dr.opaque(mi.UInt32, self.start))
         return sample * BLOCK**2 + mi.UInt32((y & 3) * BLOCK + (x & 3))
+
+
+def _coprime(wanted, number):
+    """The first integer from ``wanted`` on, at least 1, that has no factor in common with ``number``."""
+    wanted = max(wanted, 1)
+    while math.gcd(wanted, number) != 1:
+        wanted += 1
+    return wanted
 
 
 def eye_rays(sensor, size, grid, groups):

@@ -2,8 +2,8 @@
 
 Times are those of the kernels on whitted_1980 (Dr.Jit's `execution_time`, after compilation), the two integrators in
 turn. The two don't estimate the same picture (`path` has the light that the shell throws on the floor), so that the
-error of each is taken against its own converged picture. Both draw from Mitsuba's independent sampler and use a box
-filter.
+error of each is taken against its own converged picture. Both use a box filter; `path` draws from Mitsuba's independent
+sampler, its default, and `whitted` from its own sequence.
 """
 
 import whitted  # noqa: I001, first, since it finds LLVM before drjit looks for one
