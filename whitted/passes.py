@@ -274,7 +274,7 @@ class _Loop:
         self.earlier = earlier.moments if earlier else None
         self.spp, self.wall, self.compile, self.execute = first, 0.0, 0.0, 0.0
         self.operations, self.cache_hit = 0, True
-        self.error, self.checked = None, 0
+        self.error, self.checked, self.count = None, 0, 0
         self.reached = False
 
     def run(self, stopped):
@@ -315,6 +315,7 @@ class _Loop:
         self.wall += clock.perf_counter() - begin
         self._read_history()
         self.spp = stop
+        self.count += 1
         if self.progress or self.target_error is not None:
             self._report()
 
@@ -338,7 +339,8 @@ class _Loop:
             if self.target_error is not None and self.error:
                 fractions.append((self.target_error / self.error) ** 2)
             goal = self.goal if self.goal < MAX_SPP else None
-            self.progress(Progress(self.spp, goal, self.wall, self.error, min(max(fractions), 1.0)))
+            fraction = min(max(fractions), 1.0)
+            self.progress(Progress(self.count, self.spp, goal, self.wall, self.error, fraction))
 
     def result(self, settings, total, load, requested):
         """Return the ``Render``."""

@@ -9,6 +9,7 @@ class Progress:
     """The state of a render after a pass.
 
     Attributes:
+        passes: how many there were.
         spp: samples per pixel so far.
         goal: samples per pixel at the end, or None where another limit ends it.
         seconds: wall time so far.
@@ -16,6 +17,7 @@ class Progress:
         fraction: how much is done by the limit that is nearest, 0 to 1.
     """
 
+    passes: int
     spp: int
     goal: int | None
     seconds: float
@@ -50,7 +52,7 @@ def bar(title):
         task = shown.add_task(title, total=1.0, state="")
 
         def report(progress):
-            samples = f"{progress.spp} of {progress.goal}" if progress.goal else str(progress.spp)
+            samples = f"pass {progress.passes}: {progress.spp}" + (f" of {progress.goal}" if progress.goal else "")
             error = "" if progress.error is None else f", error {100 * progress.error:.2g} %"
             shown.update(task, completed=progress.fraction, state=f"{samples} spp{error}")
 

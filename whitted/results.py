@@ -111,6 +111,11 @@ class Render:
         return Moments(self.moments.sums[..., : self._colours], self.moments.weights).standard_error()
 
     @property
+    def versions(self):
+        """The versions of what the picture depends on, a dict."""
+        return versions()
+
+    @property
     def alpha(self):
         """The share of each pixel that isn't empty, [H, W], or None where the integrator doesn't tell."""
         return self._mean[..., self._colours] if self._mean.shape[-1] > self._colours else None
