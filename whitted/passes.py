@@ -6,7 +6,7 @@ Memory doesn't grow with the number of samples: a pass has a bounded number of l
 import math
 import time as clock
 import warnings
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import drjit as dr
 import mitsuba as mi
@@ -16,7 +16,7 @@ from whitted import _backend
 from whitted.errors import UsageError
 from whitted.film import BLOCK, Grid, Sums, Window, colours, cropped, eye_rays
 from whitted.interrupt import stop_on_signals
-from whitted.progress import Progress
+from whitted.progress import Progress, bar
 from whitted.results import Render, Truncation
 from whitted.sampling.groups import SEGMENTS, Replicates, Segments
 from whitted.scene import as_scene
@@ -229,7 +229,7 @@ def render(
         crop: x, y, width, height in pixels of a part of the film; None takes the film's crop.
         resume: a ``Render`` with the same settings, to which samples are added (``spp`` more; by default as many
             as it still lacks, else as many as it was asked for).
-        progress: is called with the ``Progress`` after each pass.
+        progress: is called with the ``Progress`` after each pass; True shows a bar on a terminal.
 
     Returns:
         ``Render``.
@@ -259,8 +259,11 @@ def render(
         first, goal = _range(resume, settings, spp)
         for warning in [*([note] if note else []), *_warnings(scene, integrator)]:
             warnings.warn(warning, stacklevel=2)
-        loop = _Loop(passes, first, goal, time, target_error, progress, resume)
-        with stop_on_signals() as stopped:
+        with (
+            stop_on_signals() as stopped,
+            bar(scene.name) if progress is True else nullcontext(progress) as report,
+        ):
+            loop = _Loop(passes, first, goal, time, target_error, report, resume)
             loop.run(stopped)
         return loop.result(settings, clock.perf_counter() - start_time, scene.load_seconds, goal - first)
 

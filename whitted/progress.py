@@ -52,7 +52,9 @@ def bar(title):
         task = shown.add_task(title, total=1.0, state="")
 
         def report(progress):
-            samples = f"pass {progress.passes}: {progress.spp}" + (f" of {progress.goal}" if progress.goal else "")
+            samples = f"pass {progress.passes}: {progress.spp}" + (
+                f" of {progress.goal}" if progress.goal else ""
+            )
             error = "" if progress.error is None else f", error {100 * progress.error:.2g} %"
             shown.update(task, completed=progress.fraction, state=f"{samples} spp{error}")
 

@@ -40,6 +40,15 @@ def tone_map(rgb, exposure=0.0, chromaticities=None):
     return np.floor(255 * colour.cctf_encoding(linear, function="sRGB") + 0.5).astype(np.uint8)
 
 
+def encode_png(rgb, exposure=0.0, chromaticities=None):
+    """Return the ``bytes`` of an 8-bit PNG of the picture that ``tone_map`` makes; the arguments are its own."""
+    import mitsuba as mi
+
+    stream = mi.MemoryStream()
+    mi.Bitmap(tone_map(rgb, exposure, chromaticities)).write(stream, mi.Bitmap.FileFormat.PNG)
+    return bytes(stream.raw_buffer())
+
+
 def write_png(path, rgb, exposure=0.0, chromaticities=None):
     """Write the picture that ``tone_map`` makes of linear radiance, as an 8-bit PNG.
 
@@ -48,11 +57,7 @@ def write_png(path, rgb, exposure=0.0, chromaticities=None):
     Raises:
         UsageError: the file can't be written.
     """
-    import mitsuba as mi
-
-    stream = mi.MemoryStream()
-    mi.Bitmap(tone_map(rgb, exposure, chromaticities)).write(stream, mi.Bitmap.FileFormat.PNG)
-    files.write(path, bytes(stream.raw_buffer()))
+    files.write(path, encode_png(rgb, exposure, chromaticities))
 
 
 def panel(images, columns=None, gutter=8, background=1.0):

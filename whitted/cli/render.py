@@ -72,7 +72,7 @@ def command(scene, integrator, earlier, stats, png, output, sensor, defines, wid
     """
     begin = time.perf_counter()
     import whitted
-    from whitted import files, passes, progress, results
+    from whitted import files, passes, results
 
     imported = time.perf_counter() - begin
     output = Path(output or earlier or f"{Path(scene).stem}.exr")
@@ -83,7 +83,7 @@ def command(scene, integrator, earlier, stats, png, output, sensor, defines, wid
     options.check_sensor(loaded, sensor)
     _resize(loaded.mitsuba.sensors()[sensor], width, height)
     resume = results.Render.read(earlier) if earlier else None
-    with warnings.catch_warnings(), progress.bar(loaded.name) as report:
+    with warnings.catch_warnings():
         warnings.showwarning = _note
         found = passes.render(
             loaded,
@@ -96,7 +96,7 @@ def command(scene, integrator, earlier, stats, png, output, sensor, defines, wid
             crop=settings["crop"],
             sensor=sensor,
             resume=resume,
-            progress=report,
+            progress=True,
         )
     found.write(output)
     if png:
