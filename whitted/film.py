@@ -212,7 +212,9 @@ class Sums:
         )
         y = mi.Int32(row) + dr.opaque(mi.Int32, self.window.y)
         for group, first, stride, count in pieces:
-            sums = self.groups.get(group) or [dr.zeros(mi.Float64, self.window.pixels)] * (self.channels + 1)
+            # Zeros in memory, not literal ones: the first pass takes as much memory, and the same kernel, as the rest
+            empty = (dr.opaque(mi.Float64, 0, self.window.pixels) for _ in range(self.channels + 1))
+            sums = self.groups.get(group) or list(empty)
             piece = [dr.opaque(mi.UInt32, number) for number in (first, stride, count)]
             self.groups[group], self.nonfinite = self._gather(grid, piece, values, offset, x, y, sums)
             dr.eval(self.groups[group], self.nonfinite)
@@ -249,14 +251,21 @@ class Sums:
         _, sums, nonfinite = dr.while_loop(state, lambda i, *_: i < total, step, label="film")
         return sums, nonfinite
 
-    def arrays(self):
-        """Return sums [G, H, W, C] and weights [G, H, W], ``float64``, of the groups so far."""
+    def arrays(self, release=False):
+        """Return sums [G, H, W, C] and weights [G, H, W], ``float64``, of the groups so far.
+
+        With ``release`` they are moved, so that they don't lie in memory twice, and there is nothing left to add to.
+        """
         shape = (self.window.height, self.window.width)
         count = max(self.groups, default=-1) + 1
         sums = np.zeros((count, *shape, self.channels))
         weights = np.zeros((count, *shape))
-        for group, totals in self.groups.items():
+        for group in list(self.groups):
+            totals = self.groups.pop(group) if release else self.groups[group]
             for channel, total in enumerate(totals[:-1]):
                 sums[group, ..., channel] = total.numpy().reshape(shape)
             weights[group] = totals[-1].numpy().reshape(shape)
+            if release:
+                del totals, total
+                dr.flush_malloc_cache()
         return sums, weights

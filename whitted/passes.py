@@ -87,9 +87,9 @@ class TreePasses:
         ]  # after dr.eval, else it runs all again
         self.truncation.add(grid.lanes, *blocks)
 
-    def moments(self):
-        """Return the ``Moments`` of the samples so far."""
-        return Moments(*self.sums.arrays())
+    def moments(self, release=False):
+        """Return the ``Moments`` of the samples so far; with ``release``, for the last time."""
+        return Moments(*self.sums.arrays(release))
 
     @property
     def nonfinite(self):
@@ -148,8 +148,8 @@ class MitsubaPasses:
     def _emptiest(self):
         return min(self.weights, key=lambda group: (self.weights[group].max(), group))
 
-    def moments(self):
-        """Return the ``Moments`` of the samples so far."""
+    def moments(self, release=False):
+        """Return the ``Moments`` of the samples so far; with ``release``, for the last time."""
         order = sorted(self.total)
         return Moments(np.stack([self.total[g] for g in order]), np.stack([self.weights[g] for g in order]))
 
@@ -189,7 +189,7 @@ def fill_film(integrator, scene, sensor=0, seed=0, spp=0, develop=True, evaluate
         step = _samples_per_pass(passes.lanes)
         for start in range(0, spp, step):
             passes.run(start, min(start + step, spp))
-    sums, weights = passes.sums.arrays()
+    sums, weights = passes.sums.arrays(release=True)
     values = sums[0] if special else np.concatenate([sums[0], weights[0][..., None]], axis=-1)
     film.put_block(
         mi.ImageBlock(mi.TensorXf(values.astype(np.float32)), mi.ScalarPoint2i(window.x, window.y))
@@ -288,9 +288,9 @@ class _Loop:
                 self._pass()
         self.stopped = stopped()
 
-    def moments(self):
+    def moments(self, release=False):
         """Return the moments of all samples, an earlier render's included."""
-        moments = self.passes.moments()
+        moments = self.passes.moments(release)
         return moments if self.earlier is None else self.earlier + moments
 
     def _done(self):
@@ -357,7 +357,7 @@ class _Loop:
         }
         missed = self.spp < self.goal < MAX_SPP or (self.target_error is not None and not self.reached)
         return Render(
-            moments=self.moments(),
+            moments=self.moments(release=True),
             spp=self.spp,
             requested=requested if self.goal < MAX_SPP else None,
             rays=passes.rays,
