@@ -9,7 +9,7 @@ from typing import NamedTuple
 import drjit as dr
 import mitsuba as mi
 
-from whitted import passes, transport
+from whitted import tracing, transport
 from whitted.errors import UsageError
 from whitted.film import luminance
 from whitted.sampling.draws import SamplerDraws
@@ -116,7 +116,7 @@ class WhittedIntegrator(mi.SamplingIntegrator):
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
         """Render as Mitsuba's integrators do, with our own eye rays and sample sequences."""
-        return passes.fill_film(self, scene, sensor, seed, spp, develop, evaluate)
+        return tracing.fill_film(self, scene, sensor, seed, spp, develop, evaluate)
 
     def render_forward(self, *args, **kwargs):
         """Gradients are not available: raises ``RuntimeError``."""

@@ -261,8 +261,8 @@ import whitted, mitsuba as mi
 mi.set_variant("llvm_ad_rgb")
 sys.path.append(sys.argv[1])
 from whitted_scenes import room
-from whitted import passes
-passes.LANES = 1 << 16
+from whitted import tracing
+tracing.LANES = 1 << 16
 scene = room("gaussian", size=64)
 
 def peak(count):

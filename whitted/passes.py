@@ -14,187 +14,20 @@ import numpy as np
 
 from whitted import _backend
 from whitted.errors import UsageError
-from whitted.film import BLOCK, Grid, Sums, Window, colours, cropped, eye_rays
+from whitted.film import Window, colours, cropped
 from whitted.interrupt import stop_on_signals
 from whitted.progress import Progress, bar
-from whitted.results import Render, Truncation
+from whitted.results import Render
 from whitted.sampling.groups import SEGMENTS, Replicates, Segments
 from whitted.scene import as_scene
 from whitted.scene import integrator as as_integrator
 from whitted.stats.moments import Moments
-from whitted.world import KINDS, World
+from whitted.tracing import MAX_SPP, MitsubaPasses, TreePasses, samples_per_pass
+from whitted.world import World
 
-LANES = 1 << 21  # of one pass: enough to fill the machine, 100 MB of samples
 PASS_SECONDS = 0.5  # of a pass under a time budget, which can be overrun by one pass
-MAX_SPP = 1 << 31
 
-__all__ = ["Render", "fill_film", "render"]
-
-
-class TreePasses:
-    """Passes of one of our integrators: our eye rays, our sequences, our sums.
-
-    Args:
-        integrator: has ``estimate(world, ray, draws, active)`` and ``hide_emitters``.
-        scene: ``mi.Scene``.
-        sensor: ``mi.Sensor``; its film gives size and filter.
-        window: the pixels wanted, ``Window``.
-        groups: ``Segments`` or ``Replicates``.
-        encode: from radiance (``Spectrum``), alpha (``Float``), and ray to a list of values to sum up.
-        channels: the length of that list.
-    """
-
-    def __init__(self, integrator, scene, sensor, window, groups, encode, channels):
-        self.integrator, self.scene, self.sensor, self.groups, self.encode = (
-            integrator,
-            scene,
-            sensor,
-            groups,
-            encode,
-        )
-        film = sensor.film()
-        self.size = tuple(int(n) for n in film.size())
-        self.sums = Sums(window, film.rfilter(), channels)
-        self.source = window.grown(self.sums.border, self.size, beyond=film.sample_border())
-        self.rays = dict.fromkeys(KINDS, 0)
-        self.truncation = Truncation()
-
-    @property
-    def lanes(self):
-        """Lanes of a pass of one sample in each pixel."""
-        return Grid(self.source, 0, 1).lanes
-
-    def run(self, start, stop):
-        """Take the samples ``start`` to ``stop`` of each pixel."""
-        grid = Grid(self.source, start, stop)
-        with dr.suspend_grad():
-            ray, weight, draws, offset, active = eye_rays(self.sensor, self.size, grid, self.groups)
-            world = World(self.scene, self.integrator.hide_emitters)
-            found = self.integrator.estimate(world, ray, draws, active)
-            for name in Truncation.NAMES:  # what is only measured must not cost the picture a sample
-                found[name] = dr.select(dr.isfinite(found[name]), found[name], 0)
-            values = self.encode(found, weight, ray)
-            tally = dr.zeros(mi.UInt32, len(KINDS))
-            for number, kind in enumerate(KINDS):
-                dr.scatter_reduce(dr.ReduceOp.Add, tally, world.rays[kind], mi.UInt32(number), active)
-            losses = [dr.select(active, found[name], 0) for name in Truncation.NAMES]
-            dr.eval(values, offset if self.sums.border else None, losses, tally)
-            self.sums.add(grid, self.groups.pieces(start, stop), values, offset)
-        for kind, count in zip(KINDS, tally.numpy(), strict=True):
-            self.rays[kind] += int(count)
-        blocks = [
-            dr.block_sum(loss, BLOCK**2).numpy() for loss in losses
-        ]  # after dr.eval, else it runs all again
-        self.truncation.add(grid.lanes, *blocks)
-
-    def moments(self, release=False):
-        """Return the ``Moments`` of the samples so far; with ``release``, for the last time."""
-        return Moments(*self.sums.arrays(release))
-
-    @property
-    def nonfinite(self):
-        """How many samples of the window weren't finite and were left out."""
-        return int(dr.sum(self.sums.nonfinite)[0])
-
-
-class MitsubaPasses:
-    """Passes of any other integrator of Mitsuba, which fills the film itself; each is independent of the others.
-
-    Args:
-        integrator, scene, sensor: objects of Mitsuba.
-        window: the pixels wanted, ``Window``.
-        seed: ``int``.
-        replicates: passes at least, between which the error is taken. With 1 a pass is as large as fits, so that a
-            stratified sampler isn't hurt; of a single pass the error isn't known.
-        spp: samples per pixel asked for, or None.
-    """
-
-    kind = "replicates"
-
-    def __init__(self, integrator, scene, sensor, window, seed, replicates, spp):
-        self.integrator, self.scene, self.sensor, self.window = integrator, scene, sensor, window
-        self.seed, self.lanes = seed, window.pixels
-        self.count = replicates if replicates > 1 else SEGMENTS
-        self.share = -(-spp // replicates) if spp else MAX_SPP
-        self.total, self.weights = {}, {}
-        self.rays, self.truncation, self.nonfinite = {}, None, 0
-
-    @property
-    def groups(self):
-        """How samples are shared out: by pass."""
-        return self
-
-    def end(self, start, wanted):
-        """Return where a pass that begins at ``start`` has to end at the latest."""
-        return start + min(wanted, self.share)
-
-    def run(self, start, stop):
-        """Take as many samples as there are from ``start`` to ``stop``, as one group's."""
-        samples = stop - start
-        seed = (
-            100003 * start + 7919 * self.seed
-        ) % 2**32  # far apart: close seeds repeat stratified patterns
-        with cropped(self.sensor, self.window):
-            image = np.array(
-                self.integrator.render(self.scene, self.sensor, seed=seed, spp=samples), np.float64
-            )
-        radiance = image[..., : 1 if image.shape[-1] < 3 else 3]
-        finite = np.isfinite(radiance).all(-1, keepdims=True)
-        self.nonfinite += int((~finite).sum()) * samples
-        group = len(self.weights) % self.count if len(self.weights) < self.count else self._emptiest()
-        self.total[group] = self.total.get(group, 0) + np.where(finite, radiance, 0) * samples
-        self.weights[group] = self.weights.get(group, 0) + finite[..., 0] * float(samples)
-
-    def _emptiest(self):
-        return min(self.weights, key=lambda group: (self.weights[group].max(), group))
-
-    def moments(self, release=False):
-        """Return the ``Moments`` of the samples so far; with ``release``, for the last time."""
-        order = sorted(self.total)
-        return Moments(np.stack([self.total[g] for g in order]), np.stack([self.weights[g] for g in order]))
-
-
-def fill_film(integrator, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
-    """Render with one of our integrators into the sensor's film: what ``mi.Integrator.render`` does.
-
-    Args:
-        integrator: see ``TreePasses``.
-        scene: ``mi.Scene``.
-        sensor: ``mi.Sensor`` or its number.
-        seed: ``int``.
-        spp: samples per pixel; 0 takes the sampler's.
-        develop: return the developed image, rather than only fill the film.
-        evaluate: has no effect: sums are evaluated pass by pass.
-
-    Returns:
-        ``TensorXf`` [H, W, C] as the film develops it; empty if ``develop`` is false.
-    """
-    _backend.check(mi.variant())
-    sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-    film = sensor.film()
-    spp = spp or sensor.sampler().sample_count()
-    channels = film.prepare(integrator.aov_names())
-    special = mi.has_flag(film.flags(), mi.FilmFlags.Special)
-    alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
-
-    def encode(found, weight, ray):
-        L = found["radiance"] * weight
-        if special:
-            return film.prepare_sample(L, ray.wavelengths, channels, weight=1, alpha=found["alpha"])
-        return [*colours(L, ray.wavelengths, 3), *([found["alpha"]] if alpha else [])]
-
-    with cropped(sensor) as window:
-        count = channels if special else channels - 1
-        passes = TreePasses(integrator, scene, sensor, window, Replicates(_as_int(seed), 1), encode, count)
-        step = _samples_per_pass(passes.lanes)
-        for start in range(0, spp, step):
-            passes.run(start, min(start + step, spp))
-    sums, weights = passes.sums.arrays(release=True)
-    values = sums[0] if special else np.concatenate([sums[0], weights[0][..., None]], axis=-1)
-    film.put_block(
-        mi.ImageBlock(mi.TensorXf(values.astype(np.float32)), mi.ScalarPoint2i(window.x, window.y))
-    )
-    return film.develop() if develop else mi.TensorXf()
+__all__ = ["Render", "render"]
 
 
 def render(
@@ -304,7 +137,7 @@ class _Loop:
         return self.reached
 
     def _pass(self):
-        wanted = min(_samples_per_pass(self.passes.lanes), self.goal - self.spp)
+        wanted = min(samples_per_pass(self.passes.lanes), self.goal - self.spp)
         if self.target_error is not None:
             wanted = min(wanted, max(self.spp, SEGMENTS))  # look early, and each time twice as far
         if self.limit is not None:
@@ -450,11 +283,6 @@ def _window(sensor, crop):
         yield window
 
 
-def _samples_per_pass(lanes):
-    """The largest power of two of samples per pixel with which a pass stays within ``LANES``."""
-    return 1 << (max(LANES // lanes, 1).bit_length() - 1)
-
-
 def _relative_error(moments):
     """Root mean square of the standard errors divided by the picture's mean, or None."""
     count = 1 if mi.is_monochromatic else 3  # alpha and losses are no part of the picture
@@ -464,10 +292,6 @@ def _relative_error(moments):
         return None
     mean = float(np.mean(moments.mean()))
     return float(np.sqrt(np.mean(np.square(stderr, dtype=np.float64)))) / mean if mean > 0 else None
-
-
-def _as_int(seed):
-    return int(np.ravel(seed)[0])
 
 
 def _one_line(thing):
