@@ -10,7 +10,7 @@ import pytest
 from whitted_scenes import films, room
 
 import whitted
-from whitted import passes
+from whitted import tracing
 from whitted.errors import UsageError
 
 WHITTED = {"type": "whitted", "max_depth": 5}
@@ -64,7 +64,7 @@ def test_a_time_budget_that_ends_before_the_samples_marks_the_picture_as_partial
 @pytest.fixture
 def short_passes(monkeypatch):
     """Passes of 8 samples, since a pass of the usual size would already end small pictures."""
-    monkeypatch.setattr(passes, "LANES", 1 << 11)
+    monkeypatch.setattr(tracing, "LANES", 1 << 11)
 
 
 def test_stops_at_a_target_error(scene, short_passes):

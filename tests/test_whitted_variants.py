@@ -1,5 +1,7 @@
 """`whitted` alone, nested, from XML and dicts, in each variant, with gradients, and through kernel caches."""
 
+import gc
+
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -292,6 +294,7 @@ for depth in map(int, sys.argv[2:]):
 
 
 def test_one_kernel_serves_all_values_of_parameters_and_seeds():
+    gc.collect()  # objects of other scenes, while they live, are part of a kernel's virtual calls
     scene = room()
     whitted.render(scene, SHORT, spp=4)
     for options in ({"max_depth": 3}, {"min_contribution": 0.1}, {"max_depth": 5}):
