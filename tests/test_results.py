@@ -78,3 +78,12 @@ def test_a_crop_lies_in_the_whole_picture(tmp_path):
     assert (picture.width, picture.height) == (7, 4)
     assert tuple(picture.offset) == (3, 5)
     assert tuple(picture.full_size) == (24, 16)
+
+
+def test_going_on_ends_by_the_limits_given_now(tmp_path):
+    scene = whitted.load("hard_shadows", width=16, height=16)
+    first = whitted.render(scene, spp=4)
+    assert whitted.render(scene, resume=first).spp == 8
+    assert whitted.render(scene, spp=3, resume=first).spp == 7
+    assert whitted.render(scene, target_error=1e-3, resume=first).spp > 8
+    assert whitted.render(scene, time=0.3, resume=first).spp > 8

@@ -60,8 +60,8 @@ def render(
             sequence whole, which is less noisy, and takes an upper bound of the error from its segments.
         sensor: the sensor's number.
         crop: x, y, width, height in pixels of a part of the film; None takes the film's crop.
-        resume: a ``Render`` with the same settings, to which samples are added (``spp`` more; by default as many
-            as it still lacks, else as many as it was asked for).
+        resume: a ``Render`` with the same settings, to which samples are added: ``spp`` more; where no limit is
+            given as many as it still lacks, else as many as it has.
         progress: is called with the ``Progress`` after each pass; True shows a bar on a terminal.
 
     Returns:
@@ -76,20 +76,18 @@ def render(
     _backend.check(mi.variant())
     integrator, note = as_integrator(integrator, scene.mitsuba)
     camera = scene.mitsuba.sensors()[sensor]
-    ours = hasattr(integrator, "estimate")
-    effects = (
-        integrator.effects(World(scene.mitsuba), camera) if ours else []
-    )  # and refuse what can't be rendered
+    effects = []
+    if hasattr(integrator, "estimate"):
+        effects = integrator.effects(World(scene.mitsuba), camera)  # the world refuses what it can't render
     _check_limits(spp, time, target_error, replicates)
     if spp is None and time is None and target_error is None and resume is None:
         spp = camera.sampler().sample_count()
 
     with _window(camera, crop) as window:
         passes = _passes(integrator, scene.mitsuba, camera, window, seed, replicates, spp)
-        settings = _settings(scene, integrator, camera, window, seed, replicates, passes) | {
-            "effects": effects
-        }
-        first, goal = _range(resume, settings, spp)
+        settings = _settings(scene, integrator, camera, window, seed, replicates, passes, effects)
+        has_other_limit = time is not None or target_error is not None
+        first, goal = _range(resume, settings, spp, has_other_limit)
         for warning in [*([note] if note else []), *_warnings(scene, integrator)]:
             warnings.warn(warning, stacklevel=2)
         with (
@@ -98,7 +96,7 @@ def render(
         ):
             loop = _Loop(passes, first, goal, time, target_error, report, resume)
             loop.run(stopped)
-        return loop.result(settings, clock.perf_counter() - start_time, scene.load_seconds, goal - first)
+        return loop.result(settings, clock.perf_counter() - start_time, scene.load_seconds)
 
 
 class _Loop:
@@ -114,9 +112,10 @@ class _Loop:
         self.reached = False
 
     def run(self, stopped):
-        """Run passes until a limit is met or ``stopped()`` says so."""
+        """Run passes, at least one, until a limit is met or ``stopped()`` says so."""
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
+            self._pass()
             while not self._done() and not stopped():
                 self._pass()
         self.stopped = stopped()
@@ -129,7 +128,7 @@ class _Loop:
     def _done(self):
         if self.spp >= self.goal:
             return True
-        if self.spp > self.first and self.limit is not None and self.wall - self.compile >= self.limit:
+        if self.limit is not None and self.wall - self.compile >= self.limit:
             return True
         self.reached = (
             self.target_error is not None and self.error is not None and self.error <= self.target_error
@@ -178,7 +177,7 @@ class _Loop:
             fraction = min(max(fractions), 1.0)
             self.progress(Progress(self.count, self.spp, goal, self.wall, self.error, fraction))
 
-    def result(self, settings, total, load, requested):
+    def result(self, settings, total, load):
         """Return the ``Render``."""
         passes = self.passes
         seconds = {
@@ -192,7 +191,7 @@ class _Loop:
         return Render(
             moments=self.moments(release=True),
             spp=self.spp,
-            requested=requested if self.goal < MAX_SPP else None,
+            requested=self.goal if self.goal < MAX_SPP else None,
             rays=passes.rays,
             seconds=seconds,
             kernel={"operations": self.operations, "cache_hit": self.cache_hit},
@@ -227,7 +226,7 @@ def _warnings(scene, integrator):
         yield f"scene '{scene.name}' has participating media, which are ignored"
 
 
-def _settings(scene, integrator, sensor, window, seed, replicates, passes):
+def _settings(scene, integrator, sensor, window, seed, replicates, passes, effects):
     """What a render was made of, as far as it doesn't depend on how far it got."""
     return {
         "scene": scene.name,
@@ -239,10 +238,11 @@ def _settings(scene, integrator, sensor, window, seed, replicates, passes):
         "seed": seed,
         "replicates": replicates,
         "error_kind": passes.groups.kind,
+        "effects": effects,
     }
 
 
-def _range(resume, settings, spp):
+def _range(resume, settings, spp, has_other_limit):
     """The first sample's number and that after the last."""
     if resume is None:
         return 0, spp or MAX_SPP
@@ -250,9 +250,10 @@ def _range(resume, settings, spp):
         before, now = getattr(resume, name), settings[name]
         if before != now:
             raise UsageError(f"can't continue: the earlier render has {name} {before}, this one {now}")
-    asked = resume.requested or MAX_SPP
-    missing = asked - resume.spp if resume.partial and resume.requested else asked
-    return resume.spp, min(resume.spp + (spp or max(missing, 1)), MAX_SPP)
+    if spp is None and has_other_limit:
+        return resume.spp, MAX_SPP
+    lacking = resume.requested - resume.spp if resume.partial and resume.requested else resume.spp
+    return resume.spp, min(resume.spp + (spp or lacking), MAX_SPP)
 
 
 def _check_limits(spp, time, target_error, replicates):

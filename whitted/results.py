@@ -60,7 +60,7 @@ class Render:
         moments: ``Moments`` by group; channels are radiance (3, or 1 in mono variants), and for our integrators
             alpha and radiance lost.
         spp: samples per pixel taken.
-        requested: samples per pixel asked for, or None.
+        requested: samples per pixel that were asked for in all, or None.
         rays: number of rays by kind.
         seconds: ``load``, ``trace`` (building kernels in Python), ``compile``, ``execute`` (kernels), ``total``.
         kernel: ``operations`` of the largest kernel, and ``cache_hit``: nothing was compiled.

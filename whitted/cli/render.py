@@ -53,7 +53,11 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
 @click.option("--height", type=click.IntRange(1, 65535), help="Height in pixels; the width follows.")
 @click.option("--crop", metavar="X,Y,W,H", callback=_parse_crop, help="Render these pixels only.")
 @click.option(
-    "--continue", "earlier", metavar="F", callback=_parse_earlier, help="Add samples to this picture."
+    "--continue",
+    "earlier",
+    metavar="F",
+    callback=_parse_earlier,
+    help="Add samples to this picture: --spp more, by default those it lacks, else as many again.",
 )
 @click.option("--stats", metavar="F.json", help="Write rays, seconds and errors as JSON.")
 @click.option("--png", is_flag=True, help="Write a PNG too: values above 1 are cut, sRGB transfer function.")
