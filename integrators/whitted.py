@@ -112,7 +112,7 @@ class WhittedIntegrator(mi.SamplingIntegrator):
         """Estimate the radiance along ``ray``, as Mitsuba's integrators do when they are nested."""
         world = World(scene, self.hide_emitters)
         found = self.estimate(world, mi.Ray3f(ray), SamplerDraws(sampler), active)
-        return found["radiance"], found["alpha"] > 0, []
+        return found["radiance"], active & (found["alpha"] > 0), []
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
         """Render as Mitsuba's integrators do, with our own eye rays and sample sequences."""
@@ -174,7 +174,8 @@ class _Tree:
 
         state = (active, root, sums, world.rays, self.draws.state, *stack.state)
         _, _, sums, world.rays, *_ = dr.while_loop(state, lambda active, *_: active, step, label="ray tree")
-        sums["alpha"] = dr.select(active, 1 - sums.pop("escaped"), 0)
+        escaped = sums.pop("escaped")
+        sums["alpha"] = 1 - escaped if self.integrator.max_depth > 0 else mi.Float(0)
         return sums
 
     def visit(self, active, node, sums, stack):

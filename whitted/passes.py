@@ -208,12 +208,14 @@ def _passes(integrator, scene, sensor, window, seed, replicates, spp):
         return MitsubaPasses(integrator, scene, sensor, window, seed, replicates, spp)
     groups = Replicates(seed, replicates) if replicates > 1 else Segments(seed)
     channels = 1 if mi.is_monochromatic else 3
+    is_full = World(scene, integrator.hide_emitters).has_environment  # then no pixel is empty
 
     def encode(found, weight, ray):
         radiance = colours(found["radiance"] * weight, ray.wavelengths, channels)
-        return [*radiance, found["alpha"], found["lost_by_depth"] + found["lost_by_cutoff"]]
+        lost = found["lost_by_depth"] + found["lost_by_cutoff"]
+        return [*radiance, lost] if is_full else [*radiance, lost, found["alpha"]]
 
-    return TreePasses(integrator, scene, sensor, window, groups, encode, channels + 2)
+    return TreePasses(integrator, scene, sensor, window, groups, encode, channels + (1 if is_full else 2))
 
 
 def _warnings(scene, integrator):

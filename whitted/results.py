@@ -58,7 +58,7 @@ class Render:
 
     Attributes:
         moments: ``Moments`` by group; channels are radiance (3, or 1 in mono variants), and for our integrators
-            alpha and radiance lost.
+            radiance lost, and alpha if pixels may be empty.
         spp: samples per pixel taken.
         requested: samples per pixel that were asked for in all, or None.
         rays: number of rays by kind.
@@ -116,14 +116,14 @@ class Render:
         return versions()
 
     @property
-    def alpha(self):
-        """The share of each pixel that isn't empty, [H, W], or None where the integrator doesn't tell."""
+    def lost(self):
+        """The luminance given up in each pixel as estimated, [H, W], or None where no account is kept."""
         return self._mean[..., self._colours] if self._mean.shape[-1] > self._colours else None
 
     @property
-    def lost(self):
-        """The luminance given up in each pixel as estimated, [H, W], or None."""
-        return self._mean[..., self._colours + 1] if self._mean.shape[-1] > self._colours else None
+    def alpha(self):
+        """The share of each pixel that isn't empty, [H, W], or None where all are full or it isn't known."""
+        return self._mean[..., self._colours + 1] if self._mean.shape[-1] > self._colours + 1 else None
 
     @cached_property
     def error(self):

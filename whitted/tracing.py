@@ -64,15 +64,15 @@ class TreePasses:
             tally = dr.zeros(mi.UInt32, len(KINDS))
             for number, kind in enumerate(KINDS):
                 dr.scatter_reduce(dr.ReduceOp.Add, tally, world.rays[kind], mi.UInt32(number), active)
-            losses = [dr.select(active, found[name], 0) for name in Truncation.NAMES]
+            losses = [dr.zeros(mi.Float, grid.lanes // BLOCK**2) for _ in Truncation.NAMES]
+            block = dr.arange(mi.UInt32, grid.lanes) // BLOCK**2
+            for name, loss in zip(Truncation.NAMES, losses, strict=True):
+                dr.scatter_reduce(dr.ReduceOp.Add, loss, found[name], block, active)
             dr.eval(values, offset if self.sums.border else None, losses, tally)
             self.sums.add(grid, self.groups.pieces(start, stop), values, offset)
         for kind, count in zip(KINDS, tally.numpy(), strict=True):
             self.rays[kind] += int(count)
-        blocks = [
-            dr.block_sum(loss, BLOCK**2).numpy() for loss in losses
-        ]  # after dr.eval, else it runs all again
-        self.truncation.add(grid.lanes, *blocks)
+        self.truncation.add(grid.lanes, *(loss.numpy() for loss in losses))
 
     def moments(self, release=False):
         """Return the ``Moments`` of the samples so far; with ``release``, for the last time."""
