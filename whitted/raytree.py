@@ -107,8 +107,8 @@ def trace(scene, pixel, integrator=None, *, seed=0, sensor=0):
         numbers = (
             dr.gather(mi.UInt32, value, lane) for value in (draws.pixel, draws.index, draws.seed, draws.block)
         )
-        recorder = _Recorder(integrator, scene.mitsuba, ray, Draws(*numbers))
-        recorder.grow(weight)
+        recorder = _Recorder(integrator, scene.mitsuba, ray, weight, Draws(*numbers))
+        recorder.grow()
     nodes = recorder.nodes
     radiance = np.sum([node["contribution"] for node in nodes], axis=0).tolist()
     return RayTree((x, y), radiance, nodes, scene.name, integrator.to_string())
@@ -121,14 +121,15 @@ class _Recorder:
     ``parent`` (its place in the list) and ``kind``.
     """
 
-    def __init__(self, integrator, scene, ray, draws):
+    def __init__(self, integrator, scene, ray, weight, draws):
         self.integrator, self.scene, self.ray, self.draws = integrator, scene, ray, draws
+        self.weight = weight  # of the eye ray; not part of the throughput, which the cutoff looks at
         self.nodes = []
 
-    def grow(self, weight):
-        """Trace the tree below the eye ray, whose weight is given."""
-        ray = self.ray
-        root = {"o": _floats(ray.o)[0], "d": _floats(ray.d)[0], "w": _floats(weight)[0], "eta": 1.0, "id": 0}
+    def grow(self):
+        """Trace the tree below the eye ray."""
+        ray, one = self.ray, _floats(mi.Spectrum(1))[0]
+        root = {"o": _floats(ray.o)[0], "d": _floats(ray.d)[0], "w": one, "eta": 1.0, "id": 0}
         level, depth = [root | {"parent": None, "kind": "eye"}], 0
         while level:
             if len(self.nodes) + len(level) > MAX_NODES:
@@ -161,7 +162,7 @@ class _Recorder:
             "direction": _floats(eye.d, count),
             "distance": _floats(si.t, count),
             "position": _floats(si.p, count),
-            "throughput": self.colours(w, count, is_throughput=True),
+            "throughput": self.throughputs(w, count),
             "emitted": self.colours(emitted, count),
             "direct": self.colours(direct, count),
             "contribution": self.colours(w * (emitted + direct), count),
@@ -216,7 +217,7 @@ class _Recorder:
                 _floats(leaving.d, count),
                 _floats(w * weight, count),
             )
-            shown, eta = self.colours(w * weight, count, is_throughput=True), _floats(eta, count)
+            shown, eta = self.throughputs(w * weight, count), _floats(eta, count)
             reflects = _floats(mi.has_flag(kind, mi.BSDFFlags.DeltaReflection), count) > 0
             for i, ray in enumerate(level):
                 relative = ray["eta"] * eta[i]
@@ -234,11 +235,16 @@ class _Recorder:
                 self.nodes.append(node | {"dropped": "cutoff" if goes_on[i] else "depth"} | _nothing())
         return rays
 
-    def colours(self, value, count, is_throughput=False):
-        """Return a ``Spectrum`` as [count, 3]; a spectral throughput as its mean, three times."""
-        if is_throughput and mi.is_spectral:
-            return np.repeat(_floats(dr.mean(value), count)[:, None], 3, axis=1)
-        return np.stack([_floats(c, count) for c in colours(value, self.ray.wavelengths)], axis=-1)
+    def colours(self, radiance, count):
+        """Return a ``Spectrum`` of radiance, as the sensor sees it, as [count, 3]."""
+        seen = colours(radiance * self.weight, self.ray.wavelengths)
+        return np.stack([_floats(c, count) for c in seen], axis=-1)
+
+    def throughputs(self, w, count):
+        """Return a throughput as [count, 3]; a spectral one as its mean, three times."""
+        if mi.is_spectral:
+            return np.repeat(_floats(dr.mean(w), count)[:, None], 3, axis=1)
+        return np.stack([_floats(c, count) for c in colours(w, None)], axis=-1)
 
 
 def _nothing():
