@@ -21,7 +21,7 @@ from whitted.results import Render
 from whitted.sampling.groups import SEGMENTS, Replicates, Segments
 from whitted.scene import as_scene
 from whitted.scene import integrator as as_integrator
-from whitted.stats.moments import Moments
+from whitted.stats.moments import root_mean_square
 from whitted.tracing import MAX_SPP, MitsubaPasses, TreePasses, samples_per_pass
 from whitted.world import World
 
@@ -288,13 +288,12 @@ def _window(sensor, crop):
 
 def _relative_error(moments):
     """Root mean square of the standard errors divided by the picture's mean, or None."""
-    count = 1 if mi.is_monochromatic else 3  # alpha and losses are no part of the picture
-    moments = Moments(moments.sums[..., :count], moments.weights)
+    moments = moments.first(1 if mi.is_monochromatic else 3)  # losses and alpha are no part of the picture
     stderr = moments.standard_error()
     if stderr is None:
         return None
     mean = float(np.mean(moments.mean()))
-    return float(np.sqrt(np.mean(np.square(stderr, dtype=np.float64)))) / mean if mean > 0 else None
+    return root_mean_square(stderr) / mean if mean > 0 else None
 
 
 def _one_line(thing):

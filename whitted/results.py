@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from whitted import files, image
-from whitted.stats.moments import Moments
+from whitted.stats.moments import Moments, root_mean_square
 
 
 @dataclass
@@ -108,7 +108,7 @@ class Render:
     @cached_property
     def standard_error(self):
         """The standard error of ``mean``, of its shape, or None where there are fewer than two groups."""
-        return Moments(self.moments.sums[..., : self._colours], self.moments.weights).standard_error()
+        return self.moments.first(self._colours).standard_error()
 
     @property
     def versions(self):
@@ -131,10 +131,9 @@ class Render:
         stderr = self.standard_error
         if stderr is None:
             return {"rmse_estimate": None, "standard_error_mean": None, "kind": None}
-        colours = Moments(self.moments.sums[..., : self._colours], self.moments.weights)
         return {
-            "rmse_estimate": float(np.sqrt(np.mean(np.square(stderr, dtype=np.float64)))),
-            "standard_error_mean": colours.image_mean()[1],
+            "rmse_estimate": root_mean_square(stderr),
+            "standard_error_mean": self.moments.first(self._colours).image_mean()[1],
             "kind": self.error_kind,
         }
 

@@ -118,9 +118,8 @@ class MitsubaPasses:
     def run(self, start, stop):
         """Take as many samples as there are from ``start`` to ``stop``, as one group's."""
         samples = stop - start
-        seed = (
-            100003 * start + 7919 * self.seed
-        ) % 2**32  # far apart: close seeds repeat stratified patterns
+        # Far apart: close seeds repeat stratified patterns
+        seed = (100003 * start + 7919 * self.seed) % 2**32
         with cropped(self.sensor, self.window):
             image = np.array(
                 self.integrator.render(self.scene, self.sensor, seed=seed, spp=samples), np.float64

@@ -106,9 +106,10 @@ class World:
         """Return the ``Spectrum`` emitted towards the ray's origin by what it met, or by the environment."""
         if not self.has_visible_emitters:
             return mi.Spectrum(0)
-        if not self.has_area_emitters:  # then only rays that escape see one
+        environment = self.scene.environment()
+        if environment is not None and not self.has_area_emitters:  # then only rays that escape see one
             escaped = active & ~si.is_valid()
-            return dr.select(escaped, self.scene.environment().eval(si, escaped), 0)
+            return dr.select(escaped, environment.eval(si, escaped), 0)
         return si.emitter(self.scene, active).eval(si, active)
 
     def sample_light(self, emitter, si, u, active):

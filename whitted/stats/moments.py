@@ -32,6 +32,10 @@ class Moments:
 
         return Moments(padded(self.sums) + padded(other.sums), padded(self.weights) + padded(other.weights))
 
+    def first(self, channels):
+        """Return the moments of the first ``channels`` channels."""
+        return Moments(self.sums[..., :channels], self.weights)
+
     def mean(self):
         """Return the estimate of each pixel, ``float32`` [H, W, C]; 0 where there is no sample."""
         return _ratio(self.sums.sum(0), self.weights.sum(0)).astype(np.float32)
@@ -65,6 +69,11 @@ class Moments:
         parts = [_ratio(self.sums[g] - ratio * self.weights[g][..., None], total).mean() for g in filled]
         scale = len(filled) / (len(filled) - 1)
         return mean, float(np.sqrt(scale * np.sum(np.square(parts))))
+
+
+def root_mean_square(values):
+    """Return the root mean square of an array, in double precision."""
+    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
 
 
 def _ratio(a, weights):
