@@ -9,7 +9,7 @@ from typing import NamedTuple
 import drjit as dr
 import mitsuba as mi
 
-from whitted import tracing, transport
+from whitted import effects, optics, tracing, transport
 from whitted.errors import UsageError
 from whitted.film import luminance
 from whitted.sampling.draws import SamplerDraws
@@ -35,6 +35,9 @@ class WhittedIntegrator(mi.SamplingIntegrator):
     ``shadows``          boolean whether surfaces block the light of emitters                            true
     ``ambient``          rgb     radiance that reaches every diffuse lobe from all around, unshadowed    0
     ``hide_emitters``    boolean eye rays pass through area emitters and don't see the environment       false
+    ``local_model``      string  ``bsdf``, or ``classic``: at a ``phong`` BSDF a light that would give a   bsdf
+                                 surface facing it the irradiance :math:`\pi I` adds
+                                 :math:`I (k_d \, n \cdot l + k_s \, (r \cdot v)^n)`; others keep theirs
     ==================== ======= ======================================================================= =======
 
     With the delta lobes :math:`s` of the BSDF at :math:`x_k`, :math:`\rho_s` their reflectance or transmittance,
@@ -52,6 +55,8 @@ class WhittedIntegrator(mi.SamplingIntegrator):
       reflections; participating media.
     * Bias: none for these paths with ``min_contribution`` 0 and ``ambient`` 0. The radiance given up to
       ``max_depth`` and to ``min_contribution`` is estimated without bias and reported with the picture.
+    * With ``local_model`` ``classic`` highlights follow no BSDF: E S* (L | P L), P a surface with the illumination
+      of [Phong1975]. Such a picture isn't comparable with that of ``path``.
     * Rays that only serve to estimate a loss are counted with the others: a few in a hundred.
     * Gradients are not available: the tree's stack lies in local memory, which Dr.Jit doesn't differentiate.
 
@@ -70,6 +75,7 @@ class WhittedIntegrator(mi.SamplingIntegrator):
         self.min_contribution = float(props.get("min_contribution", 1 / 1024))
         self.shadows = bool(props.get("shadows", True))
         self.hide_emitters = bool(props.get("hide_emitters", False))
+        self.local_model = props.get("local_model", "bsdf")
         self.ambient = props.get_emissive_texture("ambient") if "ambient" in props else None
         if not (isinstance(self.max_depth, int) and 0 <= self.max_depth <= MAX_DEPTH):
             raise UsageError(
@@ -77,14 +83,20 @@ class WhittedIntegrator(mi.SamplingIntegrator):
             )
         if not 0 <= self.min_contribution < float("inf"):
             raise UsageError(f"min_contribution is {self.min_contribution}; accepted are 0 and above")
+        if self.local_model not in optics.LOCAL_MODELS:
+            accepted = " and ".join(optics.LOCAL_MODELS)
+            raise UsageError(f"local_model is {self.local_model!r}; accepted are {accepted}")
+        if self.local_model == "classic":
+            self.estimates = "E S* (L | P L)"
 
-    def estimate(self, world, ray, draws, active=True):
+    def estimate(self, world, ray, draws, plan=None, active=True):
         """Trace the ray tree of each eye ray.
 
         Args:
             world: ``World``; its ray counts are increased.
             ray: ``Ray3f`` [N], the eye rays.
             draws: numbers by effect and node, ``whitted.sampling.draws``.
+            plan: has no say in what is traced.
             active: ``Bool`` [N].
 
         Returns:
@@ -95,23 +107,18 @@ class WhittedIntegrator(mi.SamplingIntegrator):
         with dr.suspend_grad():
             return _Tree(self, world, ray, draws).grow(mi.Bool(active) & (self.max_depth > 0))
 
-    def effects(self, world, sensor):
-        """Return the names of the effects that are simulated on a scene: the distributed ones, and the branches."""
-        branches = world.flags if self.max_depth > 1 else 0
-        simulated = {
-            "antialiasing": True,
-            "soft_shadows": self.shadows and self.max_depth > 1 and any(world.needs_sample),
-            "reflection": branches & mi.BSDFFlags.DeltaReflection,
-            "refraction": branches & (mi.BSDFFlags.DeltaTransmission | mi.BSDFFlags.Null),
-            "depth_of_field": sensor.needs_aperture_sample(),
-            "motion_blur": dr.any(sensor.shutter_open_time() > 0),
-        }
-        return [effect for effect, present in simulated.items() if present]
+    def plan(self, world, sensor=None, name="scene"):
+        """Return the `effects.Plan` of a ``World`` seen by a sensor: of what can be distributed or branched over."""
+        found = effects.decide(world, sensor, max_depth=self.max_depth, name=name)
+        left_out = {"gloss", "translucency", "interreflection"} | (
+            set() if self.shadows else {"soft_shadows"}
+        )
+        return found.without(left_out, "not simulated")
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Estimate the radiance along ``ray``, as Mitsuba's integrators do when they are nested."""
         world = World(scene, self.hide_emitters)
-        found = self.estimate(world, mi.Ray3f(ray), SamplerDraws(sampler), active)
+        found = self.estimate(world, mi.Ray3f(ray), SamplerDraws(sampler), active=active)
         return found["radiance"], active & (found["alpha"] > 0), []
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
@@ -134,7 +141,8 @@ class WhittedIntegrator(mi.SamplingIntegrator):
         """Return the parameters on one line."""
         return (
             f"WhittedIntegrator[max_depth={self.max_depth}, min_contribution={self.min_contribution}, "
-            f"shadows={self.shadows}, ambient={self.ambient}, hide_emitters={self.hide_emitters}]"
+            f"shadows={self.shadows}, ambient={self.ambient}, hide_emitters={self.hide_emitters}, "
+            f"local_model={self.local_model}]"
         )
 
 
@@ -206,7 +214,8 @@ class _Tree:
         goes_on = hit & (within | (account != KEPT))
 
         # ---- Direct light
-        L = transport.direct_light(world, si, draws, node.id, goes_on, self.integrator.shadows)
+        context = optics.bsdf_context(self.integrator.local_model)
+        L = transport.direct_light(world, si, draws, node.id, goes_on, self.integrator.shadows, context)
         if self.integrator.ambient is not None:
             L += self.integrator.ambient.eval(si, goes_on) * world.diffuse_reflectance(si, goes_on)
         self.add(sums, account, goes_on, w * L)

@@ -27,7 +27,7 @@ def render():
 def test_the_facts_keep_their_schema(render):
     facts = json.loads(json.dumps(render.to_dict()))
     assert set(facts) >= FACTS
-    assert set(facts["rays"]) == {"eye", "shadow", "reflection", "transmission"}
+    assert set(facts["rays"]) == {"eye", "shadow", "reflection", "transmission", "interreflection"}
     assert set(facts["seconds"]) == {"load", "trace", "compile", "execute", "total"}
     assert set(facts["kernel"]) == {"operations", "cache_hit"}
     assert set(facts["truncation"]) == {"by_depth", "by_cutoff"}

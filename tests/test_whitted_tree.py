@@ -168,7 +168,9 @@ SCENES = [
 def eye(scene, spp=2, seed=3):
     """Return eye rays, unaudited draws and the active lanes."""
     grid = Grid(Window(0, 0, SIZE, SIZE), 0, spp)
-    ray, _, draws, _, active = eye_rays(scene.sensors()[0], (SIZE, SIZE), grid, Replicates(seed, 1))
+    ray, _, draws, _, active = eye_rays(
+        scene.sensors()[0], (SIZE, SIZE), grid, Replicates(seed, 1), {"antialiasing"}
+    )
     return ray, Unaudited(draws.pixel, draws.index, draws.seed, draws.block), active
 
 
@@ -176,7 +178,7 @@ def walked(scene, rays, **properties):
     """Return what the integrator finds: arrays by name, and ray counts by kind."""
     ray, draws, active = rays
     world = World(scene)
-    found = mi.load_dict({"type": "whitted", **properties}).estimate(world, ray, draws, active)
+    found = mi.load_dict({"type": "whitted", **properties}).estimate(world, ray, draws, active=active)
     dr.eval(found, world.rays)
     width = max(dr.width(ray), dr.width(active))
 

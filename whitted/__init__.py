@@ -8,15 +8,17 @@ _plugins.register()
 # Loaded when first asked for, so that a command starts without what it does not use.
 _EXPORTS = {
     "Agreement": "whitted.comparison",
+    "Plan": "whitted.effects",
     "Render": "whitted.passes",
     "Scene": "whitted.scene",
     "check": "whitted.comparison",
     "load": "whitted.scene",
+    "plan": "whitted.planning",
     "render": "whitted.passes",
     "trace": "whitted.raytree",
 }
 
-__all__ = ["Agreement", "Render", "Scene", "check", "load", "render", "trace"]
+__all__ = ["Agreement", "Plan", "Render", "Scene", "check", "load", "plan", "render", "trace"]
 
 
 def __getattr__(name):

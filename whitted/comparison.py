@@ -16,12 +16,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from whitted import files
+from whitted.effects import chosen
 from whitted.errors import UsageError
 from whitted.path_classes import Classes, compare_classes, describe, has_null
 from whitted.replicates import box_sensor, replicate, seeds, whole_grid
 from whitted.scene import as_scene
 from whitted.scene import integrator as make_integrator
 from whitted.stats.agreement import assess, relative_errors
+from whitted.world import World
 
 CONFIRM_FACTOR = 4  # rare, skewed noise can pass for a difference: one must show up again in more samples
 CONFIRM_SEED = 50021  # apart from the seeds of all sides
@@ -165,6 +167,7 @@ def check(
         raise UsageError(f"sensor {sensor}: the scene has sensors 0 to {len(sensors) - 1}")
     start = clock.perf_counter()
     sides, notes = _sides(scene.mitsuba, integrator, reference)
+    sides = [_planned(side, scene.mitsuba, sensors[sensor]) for side in sides]
     facts = {"scene": scene.name, "level": level, "tolerance": tolerance, "seed": seed}
     facts["tile_tolerance"] = TILE_TOLERANCE * tolerance
     with _without_cutoff(sides[0], integrator), _without_cutoff(sides[1], reference):
@@ -226,6 +229,14 @@ def _sides(scene, integrator, reference):
         if name == "volpath":
             notes.append("the reference is volpath: shadow rays of path stop at null, mask and thin surfaces")
     return (tested, make_integrator(reference, scene)[0]), tuple(notes)
+
+
+def _planned(integrator, scene, sensor):
+    """Decide once for all replicates which effects the scene calls for."""
+    if getattr(integrator, "effects", None) != "auto":
+        return integrator
+    plan = integrator.plan(World(scene, integrator.hide_emitters), sensor)
+    return chosen(integrator, plan.effects)
 
 
 @contextlib.contextmanager

@@ -103,7 +103,7 @@ def _coprime(wanted, number):
     return wanted
 
 
-def eye_rays(sensor, size, grid, groups):
+def eye_rays(sensor, size, grid, groups, plan):
     """Draw the eye rays of a pass: pixel, lens, time and wavelength.
 
     Args:
@@ -111,6 +111,8 @@ def eye_rays(sensor, size, grid, groups):
         size: width and height of the film.
         grid: ``Grid``.
         groups: how samples are numbered, see ``whitted.sampling.groups``.
+        plan: the effects simulated: without ``antialiasing`` rays pass through the centres of pixels, without
+            ``depth_of_field`` through that of the lens, without ``motion_blur`` when the shutter opens.
 
     Returns:
         ``Ray3f``, its weight (``Spectrum``), the draws for the rest of the sample, the offset of the sample from
@@ -121,11 +123,11 @@ def eye_rays(sensor, size, grid, groups):
     # The film's border may have negative coordinates; 16 bits for each keep the numbers apart
     pixel = mi.UInt32(y & 0xFFFF) * 65536 + mi.UInt32(x & 0xFFFF)
     draws = Draws(pixel, index, seed, block)
-    offset = draws("pixel")
+    offset = draws("pixel") if "antialiasing" in plan else mi.Point2f(0.5)
     position = (mi.Point2f(x, y) + offset) * mi.ScalarPoint2f(1 / size[0], 1 / size[1])
-    lens = draws("lens") if sensor.needs_aperture_sample() else mi.Point2f(0.5)
+    lens = draws("lens") if "depth_of_field" in plan else mi.Point2f(0.5)
     time = sensor.shutter_open()
-    if dr.any(sensor.shutter_open_time() > 0):
+    if "motion_blur" in plan:
         time = time + draws("time").x * sensor.shutter_open_time()
     wavelength = draws("wavelength").x if mi.is_spectral else mi.Float(0)
     # As Mitsuba calls it: some sensors have no other form

@@ -156,6 +156,58 @@ def _twosided_lobes(bsdf, si, active):
     return lobes
 
 
+def scatter(bsdf, si, u, v, active):
+    """Sample the smooth lobes of one BSDF instance.
+
+    Args:
+        bsdf, si, active: as for `delta_lobes`.
+        u: ``Float`` [N] in [0, 1), chooses among the lobes.
+        v: ``Point2f`` [N] in [0, 1)^2, the direction.
+
+    Returns:
+        ``BSDFSample3f``, and the throughput (``Spectrum``; 0 where there is no smooth lobe).
+    """
+    name = bsdf.class_name()
+    if not count(bsdf):
+        return bsdf.sample(mi.BSDFContext(), si, u, v, active)
+    if name == "MaskBSDF":
+        sample, weight = scatter(objects_of(bsdf)["nested_bsdf"], si, u, v, active)
+        return sample, weight * _opacity(bsdf, si, active)
+    if name == "BlendBSDF":
+        return _scatter_blend(bsdf, si, u, v, active)
+    if name == "TwoSidedBRDF":
+        front, mirrored = si.wi.z > 0, _facing_front(si)
+        (sample, weight), (sample_b, weight_b) = (
+            scatter(child, mirrored, u, v, active & side)
+            for child, side in zip(_sides(bsdf), (front, ~front), strict=True)
+        )
+        sample = dr.select(front, sample, sample_b)
+        sample.wo.z = dr.mulsign(sample.wo.z, si.wi.z)
+        return sample, dr.select(front, weight, weight_b)
+    context = mi.BSDFContext()
+    context.type_mask = +mi.BSDFFlags.Smooth
+    sample, weight = bsdf.sample(context, si, u, v, active)
+    smooth = active & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Smooth)
+    return sample, dr.select(smooth, weight, 0)
+
+
+def _scatter_blend(bsdf, si, u, v, active):
+    """Sample that child of a ``blendbsdf`` which has smooth lobes, or one of both by their weights."""
+    first, second = [(child, share) for child, share in _blend(bsdf, si, active)]
+    smooth = [
+        any(flags & mi.BSDFFlags.Smooth for flags in component_flags(child)) for child, _ in (first, second)
+    ]
+    if not all(smooth):
+        child, share = second if smooth[1] else first
+        sample, weight = scatter(child, si, u, v, active)
+        return sample, weight * share
+    takes_first = u < first[1]
+    u = dr.select(takes_first, u / first[1], (u - first[1]) / second[1])
+    sample, weight = scatter(first[0], si, u, v, active & takes_first)
+    sample_b, weight_b = scatter(second[0], si, u, v, active & ~takes_first)
+    return dr.select(takes_first, sample, sample_b), dr.select(takes_first, weight, weight_b)
+
+
 def null_transmission(bsdf, si, active):
     """Return the ``Spectrum`` that passes straight through one BSDF instance (0 for a closed surface)."""
     name = bsdf.class_name()

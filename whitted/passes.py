@@ -13,6 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from whitted import _backend
+from whitted.effects import chosen
 from whitted.errors import UsageError
 from whitted.film import Window, colours, cropped
 from whitted.interrupt import stop_on_signals
@@ -37,6 +38,7 @@ def render(
     spp=None,
     time=None,
     target_error=None,
+    effects=None,
     seed=0,
     replicates=1,
     sensor=0,
@@ -55,6 +57,7 @@ def render(
         time: seconds of rendering after the kernel is compiled; overrun by one pass at most.
         target_error: root mean square error of the picture as estimated, divided by the picture's mean. Rare
             bright samples that haven't come up yet aren't in the estimate.
+        effects: ``"auto"``, ``"all"`` or names, for an integrator that has a choice; None takes its own.
         seed: ``int``; the same seed gives the same bits with one of our integrators.
         replicates: number of independent randomisations between which the error is taken; 1 keeps one
             sequence whole, which is less noisy, and takes an upper bound of the error from its segments.
@@ -75,17 +78,22 @@ def render(
     scene = as_scene(scene)
     _backend.check(mi.variant())
     integrator, note = as_integrator(integrator, scene.mitsuba)
+    integrator = chosen(integrator, effects)
     camera = scene.mitsuba.sensors()[sensor]
-    effects = []
-    if hasattr(integrator, "estimate"):
-        effects = integrator.effects(World(scene.mitsuba), camera)  # the world refuses what it can't render
+    world = plan = None
     _check_limits(spp, time, target_error, replicates)
     if spp is None and time is None and target_error is None and resume is None:
         spp = camera.sampler().sample_count()
 
+    if hasattr(integrator, "estimate"):
+        world = World(scene.mitsuba, integrator.hide_emitters)  # refuses what it can't render
+        plan = integrator.plan(world, camera, scene.name)
     with _window(camera, crop) as window:
-        passes = _passes(integrator, scene.mitsuba, camera, window, seed, replicates, spp)
-        settings = _settings(scene, integrator, camera, window, seed, replicates, passes, effects)
+        if world is None:
+            passes = MitsubaPasses(integrator, scene.mitsuba, camera, window, seed, replicates, spp)
+        else:
+            passes = _passes(integrator, world, camera, plan, window, seed, replicates)
+        settings = _settings(scene, integrator, camera, window, seed, replicates, passes, plan)
         has_other_limit = time is not None or target_error is not None
         first, goal = _range(resume, settings, spp, has_other_limit)
         for warning in [*([note] if note else []), *_warnings(scene, integrator)]:
@@ -202,20 +210,19 @@ class _Loop:
         )
 
 
-def _passes(integrator, scene, sensor, window, seed, replicates, spp):
-    """The passes of an integrator: ours, or Mitsuba's."""
-    if not hasattr(integrator, "estimate"):
-        return MitsubaPasses(integrator, scene, sensor, window, seed, replicates, spp)
+def _passes(integrator, world, sensor, plan, window, seed, replicates):
+    """The passes of one of our integrators."""
     groups = Replicates(seed, replicates) if replicates > 1 else Segments(seed)
     channels = 1 if mi.is_monochromatic else 3
-    is_full = World(scene, integrator.hide_emitters).has_environment  # then no pixel is empty
+    is_full = world.has_environment  # then no pixel is empty
 
     def encode(found, weight, ray):
         radiance = colours(found["radiance"] * weight, ray.wavelengths, channels)
-        lost = found["lost_by_depth"] + found["lost_by_cutoff"]
+        lost = found.get("lost_by_depth", mi.Float(0)) + found.get("lost_by_cutoff", mi.Float(0))
         return [*radiance, lost] if is_full else [*radiance, lost, found["alpha"]]
 
-    return TreePasses(integrator, scene, sensor, window, groups, encode, channels + (1 if is_full else 2))
+    count = channels + (1 if is_full else 2)
+    return TreePasses(integrator, world, sensor, plan, window, groups, encode, count)
 
 
 def _warnings(scene, integrator):
@@ -228,7 +235,7 @@ def _warnings(scene, integrator):
         yield f"scene '{scene.name}' has participating media, which are ignored"
 
 
-def _settings(scene, integrator, sensor, window, seed, replicates, passes, effects):
+def _settings(scene, integrator, sensor, window, seed, replicates, passes, plan):
     """What a render was made of, as far as it doesn't depend on how far it got."""
     return {
         "scene": scene.name,
@@ -240,7 +247,7 @@ def _settings(scene, integrator, sensor, window, seed, replicates, passes, effec
         "seed": seed,
         "replicates": replicates,
         "error_kind": passes.groups.kind,
-        "effects": effects,
+        "plan": plan,
     }
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from whitted import _backend, files, transport
 from whitted.errors import UsageError
 from whitted.film import Grid, Window, colours, cropped, eye_rays
+from whitted.optics import bsdf_context
 from whitted.sampling.draws import Draws
 from whitted.sampling.groups import Replicates
 from whitted.scene import as_scene
@@ -99,9 +100,9 @@ def trace(scene, pixel, integrator=None, *, seed=0, sensor=0):
     if not (0 <= x < size[0] and 0 <= y < size[1]):
         raise UsageError(f"pixel {x},{y} lies outside the film of {size[0]}x{size[1]} pixels")
     with dr.suspend_grad(), cropped(camera):
-        ray, weight, draws, _, active = eye_rays(
-            camera, size, Grid(Window(x, y, 1, 1), 0, 1), Replicates(seed, 1)
-        )
+        plan = integrator.plan(World(scene.mitsuba, integrator.hide_emitters), camera)
+        grid = Grid(Window(x, y, 1, 1), 0, 1)
+        ray, weight, draws, _, active = eye_rays(camera, size, grid, Replicates(seed, 1), plan)
         lane = dr.compress(active)
         ray, weight = dr.gather(mi.Ray3f, ray, lane), dr.gather(mi.Spectrum, weight, lane)
         numbers = (
@@ -192,7 +193,14 @@ class _Recorder:
         active = active & mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
         shadows = self.integrator.shadows
         ds, unshadowed, visible = transport.light_sample(
-            self.world, si, self.draws, ids, emitter, active, shadows
+            self.world,
+            si,
+            self.draws,
+            ids,
+            emitter,
+            active,
+            shadows,
+            bsdf_context(self.integrator.local_model),
         )
         return {
             "radiance": unshadowed * visible,

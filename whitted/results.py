@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from whitted import files, image
+from whitted.effects import as_json
 from whitted.stats.moments import Moments, root_mean_square
 
 
@@ -68,7 +69,7 @@ class Render:
         nonfinite: samples that weren't finite; they are left out.
         partial: it ended before it was done.
         window: the pixels held, ``Window`` within a film of ``size`` (width, height).
-        effects: names of the effects simulated, as far as the integrator tells.
+        plan: `whitted.effects.Plan`, what is simulated and why; None where the integrator doesn't tell.
         error_kind: ``replicates``, or ``segments (upper bound)``.
     """
 
@@ -90,7 +91,12 @@ class Render:
     seed: int
     replicates: int
     error_kind: str
-    effects: list = field(default_factory=list)
+    plan: object = field(default=None, repr=False)
+
+    @property
+    def effects(self):
+        """The names of the effects simulated, a list; empty where the integrator doesn't tell."""
+        return self.plan.effects if self.plan else []
 
     @property
     def _colours(self):
@@ -151,6 +157,7 @@ class Render:
             "replicates": self.replicates,
             "partial": self.partial,
             "effects": self.effects,
+            "plan": self.plan.to_dict()["effects"] if self.plan else None,
             "rays": self.rays,
             "seconds": self.seconds,
             "kernel": self.kernel,
@@ -179,6 +186,7 @@ class Render:
             "integrator": self.integrator,
             "variant": self.variant,
             "effects": ",".join(self.effects),
+            "plan": as_json(self.plan) if self.plan else "",
             "sceneHash": self.scene_hash,
             "partial": int(self.partial),
             "errorKind": self.error["kind"],

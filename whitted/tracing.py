@@ -22,29 +22,25 @@ class TreePasses:
     """Passes of one of our integrators: our eye rays, our sequences, our sums.
 
     Args:
-        integrator: has ``estimate(world, ray, draws, active)`` and ``hide_emitters``.
-        scene: ``mi.Scene``.
+        integrator: has ``estimate(world, ray, draws, plan, active)``.
+        world: ``World``.
         sensor: ``mi.Sensor``; its film gives size and filter.
+        plan: `whitted.effects.Plan`, what is simulated.
         window: the pixels wanted, ``Window``.
         groups: ``Segments`` or ``Replicates``.
         encode: from radiance (``Spectrum``), alpha (``Float``), and ray to a list of values to sum up.
         channels: the length of that list.
     """
 
-    def __init__(self, integrator, scene, sensor, window, groups, encode, channels):
-        self.integrator, self.scene, self.sensor, self.groups, self.encode = (
-            integrator,
-            scene,
-            sensor,
-            groups,
-            encode,
-        )
+    def __init__(self, integrator, world, sensor, plan, window, groups, encode, channels):
+        self.integrator, self.world, self.sensor, self.plan = integrator, world, sensor, plan
+        self.groups, self.encode = groups, encode
         film = sensor.film()
         self.size = tuple(int(n) for n in film.size())
         self.sums = Sums(window, film.rfilter(), channels)
         self.source = window.grown(self.sums.border, self.size, beyond=film.sample_border())
         self.rays = dict.fromkeys(KINDS, 0)
-        self.truncation = Truncation()
+        self.truncation = None
 
     @property
     def lanes(self):
@@ -55,24 +51,30 @@ class TreePasses:
         """Take the samples ``start`` to ``stop`` of each pixel."""
         grid = Grid(self.source, start, stop)
         with dr.suspend_grad():
-            ray, weight, draws, offset, active = eye_rays(self.sensor, self.size, grid, self.groups)
-            world = World(self.scene, self.integrator.hide_emitters)
-            found = self.integrator.estimate(world, ray, draws, active)
-            for name in Truncation.NAMES:  # what is only measured must not cost the picture a sample
+            ray, weight, draws, offset, active = eye_rays(
+                self.sensor, self.size, grid, self.groups, self.plan
+            )
+            world = self.world
+            world.forget_rays()
+            found = self.integrator.estimate(world, ray, draws, self.plan, active)
+            given_up = [name for name in Truncation.NAMES if name in found]
+            for name in given_up:  # what is only measured must not cost the picture a sample
                 found[name] = dr.select(dr.isfinite(found[name]), found[name], 0)
             values = self.encode(found, weight, ray)
             tally = dr.zeros(mi.UInt32, len(KINDS))
             for number, kind in enumerate(KINDS):
                 dr.scatter_reduce(dr.ReduceOp.Add, tally, world.rays[kind], mi.UInt32(number), active)
-            losses = [dr.zeros(mi.Float, grid.lanes // BLOCK**2) for _ in Truncation.NAMES]
+            losses = [dr.zeros(mi.Float, grid.lanes // BLOCK**2) for _ in given_up]
             block = dr.arange(mi.UInt32, grid.lanes) // BLOCK**2
-            for name, loss in zip(Truncation.NAMES, losses, strict=True):
+            for name, loss in zip(given_up, losses, strict=True):
                 dr.scatter_reduce(dr.ReduceOp.Add, loss, found[name], block, active)
             dr.eval(values, offset if self.sums.border else None, losses, tally)
             self.sums.add(grid, self.groups.pieces(start, stop), values, offset)
         for kind, count in zip(KINDS, tally.numpy(), strict=True):
             self.rays[kind] += int(count)
-        self.truncation.add(grid.lanes, *(loss.numpy() for loss in losses))
+        if given_up:
+            self.truncation = self.truncation or Truncation()
+            self.truncation.add(grid.lanes, *(loss.numpy() for loss in losses))
 
     def moments(self, release=False):
         """Return the ``Moments`` of the samples so far; with ``release``, for the last time."""
@@ -169,9 +171,12 @@ def fill_film(integrator, scene, sensor=0, seed=0, spp=0, develop=True, evaluate
             return film.prepare_sample(L, ray.wavelengths, channels, weight=1, alpha=found["alpha"])
         return [*colours(L, ray.wavelengths, 3), *([found["alpha"]] if alpha else [])]
 
+    world = World(scene, integrator.hide_emitters)
+    plan = integrator.plan(world, sensor)
     with cropped(sensor) as window:
         count = channels if special else channels - 1
-        passes = TreePasses(integrator, scene, sensor, window, Replicates(_as_int(seed), 1), encode, count)
+        groups = Replicates(_as_int(seed), 1)
+        passes = TreePasses(integrator, world, sensor, plan, window, groups, encode, count)
         step = samples_per_pass(passes.lanes)
         for start in range(0, spp, step):
             passes.run(start, min(start + step, spp))

@@ -11,10 +11,10 @@ UNROLLED_LIGHTS = 4  # up to here a light costs less unrolled into the kernel th
 
 def when(active, step, *state):
     """Return ``step(*state)`` for the active lanes and ``state`` for the others; skip it where no lane needs it."""
-    return dr.if_stmt(state, active, step, lambda *state: state)
+    return dr.if_stmt(state, active, step, lambda *state: state if len(state) > 1 else state[0])
 
 
-def light_sample(world, si, draws, node, emitter, active, shadows=True):
+def light_sample(world, si, draws, node, emitter, active, shadows=True, context=None):
     """Sample one emitter from ``si`` and look whether its light arrives.
 
     The arguments are those of ``direct_light``, and ``emitter`` its number, ``int`` or ``UInt32`` [N].
@@ -26,7 +26,7 @@ def light_sample(world, si, draws, node, emitter, active, shadows=True):
     drawn = not isinstance(emitter, int) or world.needs_sample[emitter]
     u = draws("light", node, emitter) if drawn else mi.Point2f(0)
     ds, weight = world.sample_light(emitter, si, u, active)
-    value = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(ds.d), active) * weight
+    value = si.bsdf().eval(context or mi.BSDFContext(), si, si.to_local(ds.d), active) * weight
     lit = (
         active & (ds.pdf != 0) & ~dr.all(value == 0)
     )  # NaN, for which no comparison holds, is lit and counted
@@ -34,7 +34,7 @@ def light_sample(world, si, draws, node, emitter, active, shadows=True):
     return ds, dr.select(lit, value, 0), visible
 
 
-def direct_light(world, si, draws, node, active, shadows=True):
+def direct_light(world, si, draws, node, active, shadows=True, context=None):
     """Estimate the light that every emitter sends to ``si`` directly and that is scattered along ``-ray.d``.
 
     Each emitter is sampled once: the sum over emitters of ``f(wi, wo) cos / p * L * V``. Delta lobes don't take
@@ -47,6 +47,7 @@ def direct_light(world, si, draws, node, active, shadows=True):
         node: ``UInt32`` [N], the vertex's node of the ray tree.
         active: ``Bool`` [N].
         shadows: whether light is blocked at all.
+        context: ``mi.BSDFContext`` in which the BSDF is asked, by default a plain one.
 
     Returns:
         ``Spectrum`` [N], radiance.
@@ -55,7 +56,7 @@ def direct_light(world, si, draws, node, active, shadows=True):
     emitters = len(world.emitters)
 
     def add_emitter(emitter, L):
-        _, unshadowed, visible = light_sample(world, si, draws, node, emitter, active, shadows)
+        _, unshadowed, visible = light_sample(world, si, draws, node, emitter, active, shadows, context)
         return L + unshadowed * visible
 
     def unrolled(L, rays, sampler):
@@ -80,8 +81,16 @@ def direct_light(world, si, draws, node, active, shadows=True):
 
 
 @functools.cache
-def node_type(variant):
-    """Return the class of a ray waiting to be traced, for a variant that is active."""
+def node_type(variant, with_density=False):
+    """Return the class of a ray waiting to be traced, for a variant that is active.
+
+    ``with_density`` adds where its direction was sampled, and with which density.
+    """
+    sampled = {
+        "p": mi.Point3f,  # the vertex at which the direction was sampled
+        "n": mi.Vector3f,  # that vertex's side for lights
+        "pdf": mi.Float,  # of the direction, per solid angle
+    }
 
     class Node:
         DRJIT_STRUCT: ClassVar = {
@@ -92,11 +101,14 @@ def node_type(variant):
             "depth": mi.UInt32,  # surfaces met before this ray
             "tag": mi.UInt32,  # flags of the integrator's own
             "id": mi.UInt32,  # number of the node in the tree, the same in every order of traversal
+            **(sampled if with_density else {}),
         }
 
-        def __init__(self, o=None, d=None, w=None, eta=None, depth=None, tag=None, id=None):  # noqa: A002
-            self.o, self.d, self.w, self.eta = o, d, w, eta
-            self.depth, self.tag, self.id = depth, tag, id
+        def __init__(self, *values, **named):
+            for name, value in zip(self.DRJIT_STRUCT, values, strict=False):
+                setattr(self, name, value)
+            for name in list(self.DRJIT_STRUCT)[len(values) :]:
+                setattr(self, name, named.get(name))
 
     return Node
 

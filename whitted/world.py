@@ -8,8 +8,9 @@ import mitsuba as mi
 
 from whitted import lobes
 from whitted.errors import UsageError
+from whitted.lights.collection import Lights
 
-KINDS = ("eye", "shadow", "reflection", "transmission")
+KINDS = ("eye", "shadow", "reflection", "transmission", "interreflection")
 
 
 class World:
@@ -39,24 +40,39 @@ class World:
         self.has_visible_emitters = any(self.needs_sample)
         self.has_area_emitters = any(_is_surface(e) for e in self.emitters)
         self.has_environment = scene.environment() is not None and not hide_emitters
-        bsdfs = bsdfs_of(scene)
+        self.bsdfs = bsdfs = bsdfs_of(scene)
         for bsdf in bsdfs:
             lobes.check_supported(bsdf)
         self.flags = functools.reduce(operator.or_, (int(bsdf.flags()) for bsdf in bsdfs), 0)
         self.is_transparent = bool(self.flags & mi.BSDFFlags.Null)
         self.branching = max(map(lobes.count, bsdfs), default=0)
+        self.mixes_lobes = any(
+            lobes.count(bsdf) and int(bsdf.flags()) & mi.BSDFFlags.Smooth for bsdf in bsdfs
+        )
+        self._lights = {}
+        self.forget_rays()
+
+    def forget_rays(self):
+        """Count from zero again."""
         self.rays = {kind: mi.UInt32(0) for kind in KINDS}
+
+    def lights(self, as_points=False):
+        """Return the `Lights` of the scene, ready to be sampled by distribution."""
+        if as_points not in self._lights:
+            self._lights[as_points] = Lights(self.scene, as_points)
+        return self._lights[as_points]
 
     def count(self, kind, active):
         """Add the active lanes to the count of a kind of ray."""
         self.rays[kind] = self.rays[kind] + dr.select(active, mi.UInt32(1), mi.UInt32(0))
 
-    def intersect(self, ray, is_eye, active):
+    def intersect(self, ray, is_eye, active, coherent=False):
         """Return the nearest ``SurfaceInteraction3f`` along ``ray``; the caller has counted it.
 
-        ``is_eye`` (``Bool``): from these rays emitters are hidden where the world is told so.
+        ``is_eye`` (``Bool``): from these rays emitters are hidden where the world is told so. ``coherent`` (``bool``):
+        neighbouring lanes have similar rays.
         """
-        si = self.scene.ray_intersect(ray, mi.RayFlags.All, False, active)
+        si = self.scene.ray_intersect(ray, mi.RayFlags.All, coherent, active)
         if self.hide_emitters and self.has_area_emitters:
             si = self._behind_emitters(si, ray, active & is_eye)
         return si
@@ -142,6 +158,23 @@ class World:
             return [(wo, weight, eta, mi.UInt32(kind)) for wo, weight, eta, kind in found]
 
         return dr.dispatch(si.bsdf(), split, si, active) if slots else []
+
+    def scatter(self, si, u, v, active):
+        """Sample the smooth lobes at ``si``; the arguments and the result are those of `lobes.scatter`."""
+        if not self.mixes_lobes:
+            return si.bsdf().sample(mi.BSDFContext(), si, u, v, active)
+        return dr.dispatch(si.bsdf(), lobes.scatter, si, u, v, active)
+
+    def light_side(self, si):
+        """Return the unit normal (``Vector3f``) of the side of ``si`` from which light is scattered back, or 0.
+
+        It is 0 where the surface transmits as well, so that light may come from either side.
+        """
+        n = mi.Vector3f(si.sh_frame.n) * dr.mulsign(mi.Float(1), si.wi.z)
+        transmits = mi.BSDFFlags.DiffuseTransmission | mi.BSDFFlags.GlossyTransmission
+        if not self.flags & transmits:
+            return n
+        return dr.select((si.bsdf().flags() & +transmits) != 0, 0, n)
 
     def diffuse_reflectance(self, si, active):
         """Return the reflectance (``Spectrum``) of the diffuse lobes at ``si``."""

@@ -15,6 +15,7 @@ from whitted.errors import BackendError, UsageError, nearest
 
 SUBCOMMANDS = {
     "render": "Render the picture, with its standard error.",
+    "plan": "Say which effects the scene calls for, why, and what each costs.",
     "check": "Test whether two integrators estimate the same image.",
     "compare": "Error metrics between two pictures.",
     "trace": "Draw the ray tree of one pixel.",

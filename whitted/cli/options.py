@@ -1,7 +1,9 @@
 """Options that subcommands share, as decorators; the letters mean what they do in Mitsuba's command."""
 
+import contextlib
 import os
 import re
+import warnings
 from pathlib import Path
 
 import click
@@ -128,6 +130,18 @@ def verbose(command):
         callback=set_verbose,
         help="Tell more, with tracebacks.",
     )(command)
+
+
+@contextlib.contextmanager
+def notes():
+    """Print what is warned of as one line each on standard error."""
+
+    def show(message, category, filename, lineno, file=None, line=None):
+        click.echo(f"whitted: {message}", err=True)
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        yield
 
 
 def check_sensor(scene, index):

@@ -2,7 +2,6 @@
 
 import re
 import time
-import warnings
 from pathlib import Path
 
 import click
@@ -49,6 +48,9 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
 @click.option(
     "--target-error", type=_POSITIVE, metavar="E", help="Stop at this relative RMSE of the picture."
 )
+@click.option(
+    "--effects", metavar="auto|all|LIST", help="Effects to simulate.  [default: the integrator's, auto]"
+)
 @click.option("--width", type=click.IntRange(1, 65535), help="Width in pixels; the height follows.")
 @click.option("--height", type=click.IntRange(1, 65535), help="Height in pixels; the width follows.")
 @click.option("--crop", metavar="X,Y,W,H", callback=_parse_crop, help="Render these pixels only.")
@@ -87,14 +89,14 @@ def command(scene, integrator, earlier, stats, png, output, sensor, defines, wid
     options.check_sensor(loaded, sensor)
     _resize(loaded.mitsuba.sensors()[sensor], width, height)
     resume = results.Render.read(earlier) if earlier else None
-    with warnings.catch_warnings():
-        warnings.showwarning = _note
+    with options.notes():
         found = passes.render(
             loaded,
             integrator,
             spp=settings["spp"],
             time=settings["seconds"],
             target_error=settings["target_error"],
+            effects=settings["effects"],
             seed=settings["seed"],
             replicates=settings["replicates"],
             crop=settings["crop"],
@@ -130,10 +132,6 @@ def _resize(sensor, width, height):
     width = width or max(round(height * own[0] / own[1]), 1)
     height = height or max(round(width * own[1] / own[0]), 1)
     resize(sensor, width, height)
-
-
-def _note(message, category, filename, lineno, file=None, line=None):
-    click.echo(f"whitted: {message}", err=True)
 
 
 def _summary(found, output):

@@ -4,6 +4,7 @@ A number is a pure function of its arguments, so depth-first and breadth-first t
 an effect can be left out or frozen without touching the others, and a render resumes at any index.
 """
 
+import drjit as dr
 import mitsuba as mi
 
 from whitted.sampling.sequences import hash4, sobol_2d, to_unit
@@ -26,13 +27,19 @@ class Draws:
         self.pixel, self.index, self.seed, self.block = pixel, index, seed, block
         self.state = None
 
-    def __call__(self, effect, node=0, split=0):
-        """Return a ``Point2f`` in [0, 1)^2 for an effect (of ``EFFECTS``) at a node.
+    def __call__(self, effect, node=0, split=0, part=None):
+        """Return a ``Point2f`` in [0, 1)^2 for an effect at a node.
 
-        ``split`` (``int`` or ``UInt32``) tells several draws for one effect at one node apart.
+        Args:
+            effect: one of ``EFFECTS``, or a mask and two of them, the first where the mask is set.
+            node: ``UInt32`` [N].
+            split: ``int`` or ``UInt32``, tells several draws for one effect at one node apart.
+            part: where a sample draws several times for the same, the number of the draw and how many there are
+                (``UInt32``): together with those of the other samples they make up one sequence.
         """
-        key = mi.UInt32(split) * len(EFFECTS) + EFFECTS.index(effect)
-        return sobol_2d(self.index, hash4(self.pixel, key, self.seed, mi.UInt32(node))[1:])
+        index = self.index if part is None else self.index * part[1] + part[0]
+        key = mi.UInt32(split) * len(EFFECTS) + _number(effect)
+        return sobol_2d(index, hash4(self.pixel, key, self.seed, mi.UInt32(node))[1:])
 
     def audit(self, node):
         """Return a ``Float`` in [0, 1) that decides what is measured at a node, without a say in the picture.
@@ -40,6 +47,13 @@ class Draws:
         It is the same in all pixels of a block, so that their rays stay together.
         """
         return to_unit(hash4(self.block, self.index, self.seed + AUDIT, mi.UInt32(node))[0])
+
+
+def _number(effect):
+    if isinstance(effect, str):
+        return EFFECTS.index(effect)
+    mask, first, second = effect
+    return dr.select(mask, mi.UInt32(EFFECTS.index(first)), mi.UInt32(EFFECTS.index(second)))
 
 
 class SamplerDraws:
@@ -52,7 +66,7 @@ class SamplerDraws:
     def __init__(self, sampler):
         self.sampler = self.state = sampler
 
-    def __call__(self, effect, node=0, split=0):
+    def __call__(self, effect, node=0, split=0, part=None):
         """Return the sampler's next ``Point2f``; the arguments don't matter."""
         return self.sampler.next_2d()
 

@@ -1,0 +1,1 @@
+"""Mitsuba BSDF plugins, one per file."""

@@ -1,0 +1,190 @@
+"""The bounded lights of a scene as one: a primitive is chosen by the tree, and a point on it by solid angle."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from whitted.lights import disk, rectangle, sphere, triangle
+from whitted.lights.primitives import (
+    DISK,
+    MITSUBA,
+    POINT,
+    RECTANGLE,
+    SPHERE,
+    TRIANGLE,
+    is_delta,
+    primitives_of,
+)
+from whitted.lights.sample import LightSample
+from whitted.lights.tree import LightTree
+
+MOST_CLOSED = 4  # primitives up to which all are summed up in closed form at a vertex
+CLOSED = {RECTANGLE, TRIANGLE, SPHERE}
+SHAPES = {RECTANGLE: rectangle, TRIANGLE: triangle, DISK: disk, SPHERE: sphere}
+
+
+class BoundedLights:
+    """All emitters of a scene that lie within bounds.
+
+    Attributes:
+        count: how many primitives there are.
+        is_closed: the unoccluded irradiance of all of them is known, see ``irradiance``.
+        is_plain: at a diffuse surface none that a ray can meet needs a second technique beside ``sample``.
+        is_hittable: a ray can meet some.
+        needs_choice, needs_point: ``sample`` uses ``choice``, and ``u``.
+
+    Args:
+        scene: ``mi.Scene``.
+        as_points: see `primitives_of`.
+    """
+
+    def __init__(self, scene, as_points=False):
+        parts = primitives_of(scene, as_points)
+        self.scene, self.emitters = scene, scene.emitters()
+        self.count, self.as_points = len(parts), as_points
+        self.kinds = sorted({int(kind) for kind in parts.kind})
+        self.is_closed = 0 < self.count <= MOST_CLOSED and set(self.kinds) <= CLOSED
+        met = [
+            kind
+            for kind, e in zip(parts.kind, parts.emitter, strict=True)
+            if not is_delta(self.emitters[int(e)])
+        ]
+        self.is_hittable = bool(met) and not as_points
+        self.is_plain = MITSUBA not in met
+        self.needs_choice, self.needs_point = self.count > 1, bool(met) and not as_points
+        self.boxes = list(zip(parts.lower, parts.upper, strict=True))
+        if not self.count:
+            return
+        # Arrays in memory are data, one kernel serves all values; from lists, as NumPy's memory may lie unaligned, which
+        # makes another kernel
+        self.kind, self.emitter = mi.UInt32(parts.kind.tolist()), mi.UInt32(parts.emitter.tolist())
+        self.geometry = [mi.Float(column.tolist()) for column in parts.geometry.T]
+        self.colour = [mi.Float(column.tolist()) for column in parts.radiance.T]
+        first = np.zeros(max(parts.first, default=0) + 1, np.uint32)
+        first[list(parts.first)] = list(parts.first.values())
+        self.first = mi.UInt32(first.tolist())
+        cone = parts.axis, parts.cos_spread, np.zeros(self.count)
+        self.tree = LightTree(parts.lower, parts.upper, parts.power, *cone)
+
+    def sample(self, si, n, u, choice, active):
+        """Sample a direction towards one of the lights, without regard to what lies between.
+
+        Args:
+            si: ``SurfaceInteraction3f`` [N], the receiver.
+            n: ``Vector3f`` [N], unit, the side of the receiver that light can come from, or 0 if it is both.
+            u: ``Point2f`` [N] in [0, 1)^2.
+            choice: ``Float`` [N] in [0, 1), of the light.
+
+        Returns:
+            `LightSample`.
+        """
+        leaf, probability, _, valid = self.tree.sample(si.p, n, choice, active)
+        valid &= active
+        geometry, kind = self._geometry(leaf, valid), self._gather(self.kind, leaf, valid)
+        found = LightSample(mi.Vector3f(0, 0, 1), mi.Point3f(0), mi.Spectrum(0), mi.Float(0))
+        for one in self.kinds:
+            here = valid & (kind == one)
+            if one == MITSUBA:
+                new = self._by_mitsuba(leaf, si, u, here)
+            elif one == POINT:
+                new = self._at_point(leaf, geometry, si, here)
+            else:
+                q, d, _, pdf = SHAPES[one].sample(*_arguments(one, geometry), si.p, n, u)
+                lit = here & (pdf > 0) & _faces(one, geometry, si.p)
+                new = LightSample(d, q, dr.select(lit, self._radiance(leaf, si, lit) / pdf, 0), pdf)
+            if len(self.kinds) > 1:
+                new = LightSample(*(dr.select(here, a, b) for a, b in zip(new, found, strict=True)))
+            found = new
+        weight = dr.select(valid, found.weight * dr.rcp(probability), 0)
+        return LightSample(found.d, found.target, weight, found.pdf * probability)
+
+    def pdf(self, si, p, n, active):
+        """Return the density (``Float``) with which ``sample`` at ``p``, ``n`` finds the point ``si`` of a light."""
+        leaf = dr.gather(mi.UInt32, self.first, dr.reinterpret_array(mi.UInt32, si.shape), active)
+        leaf += dr.select(self._gather(self.kind, leaf, active) == TRIANGLE, si.prim_index, 0)
+        geometry, kind = self._geometry(leaf, active), self._gather(self.kind, leaf, active)
+        density = mi.Float(0)
+        for one in self.kinds:
+            here = active & (kind == one)
+            if one == MITSUBA:
+                new = self._pdf_by_mitsuba(leaf, si, p, here)
+            else:
+                new = SHAPES[one].pdf(*_arguments(one, geometry), p, n, si.p)
+            density = dr.select(here, new, density)
+        return density * self.tree.probability(leaf, p, n, active)
+
+    def irradiance(self, si, n, active):
+        """Return the irradiance (``Spectrum``) from all lights if nothing lies between; only where ``is_closed``."""
+        E = mi.Spectrum(0)
+        for number in range(self.count):
+            leaf, kind = mi.UInt32(number), int(self.kind[number])
+            geometry = self._geometry(leaf, True)
+            seen = active & _faces(kind, geometry, si.p)
+            value = SHAPES[kind].irradiance(*_arguments(kind, geometry), si.p, n)
+            E += dr.select(seen, value * self._radiance(leaf, si, seen), 0)
+        return E
+
+    def _gather(self, column, leaf, active):
+        return column if self.count == 1 else dr.gather(type(column), column, leaf, active)
+
+    def _geometry(self, leaf, active):
+        return [self._gather(column, leaf, active) for column in self.geometry]
+
+    def _light(self, leaf, active):
+        """The emitters of primitives: one object or an array of pointers."""
+        if len(self.emitters) == 1:
+            return self.emitters[0]
+        number = self._gather(self.emitter, leaf, active)
+        return dr.gather(mi.EmitterPtr, self.scene.emitters_dr(), number, active)
+
+    def _radiance(self, leaf, si, active):
+        """The radiance (``Spectrum``) of uniform lights."""
+        if not mi.is_spectral:
+            return mi.Spectrum([self._gather(column, leaf, active) for column in self.colour])
+        at = dr.zeros(mi.SurfaceInteraction3f)
+        at.wi, at.wavelengths = mi.Vector3f(0, 0, 1), si.wavelengths
+        return self._light(leaf, active).eval(at, active)
+
+    def _at_point(self, leaf, geometry, si, active):
+        q, normal = mi.Point3f(geometry[:3]), mi.Vector3f(geometry[3:6])
+        d = dr.normalize(q - si.p)
+        cosine = dr.select(dr.all(normal == 0), 1, dr.maximum(-dr.dot(d, normal), 0))
+        intensity = self._radiance(leaf, si, active) * geometry[6] * cosine
+        return LightSample(d, q, intensity * dr.rcp(dr.squared_norm(q - si.p)), mi.Float(0))
+
+    def _by_mitsuba(self, leaf, si, u, active):
+        ds, weight = self._light(leaf, active).sample_direction(si, u, active)
+        pdf = dr.select(ds.delta, 0, ds.pdf)
+        return LightSample(ds.d, ds.p, dr.select(active & (ds.pdf > 0), weight, 0), pdf)
+
+    def _pdf_by_mitsuba(self, leaf, si, p, active):
+        receiver = dr.zeros(mi.Interaction3f)
+        receiver.p, receiver.time, receiver.wavelengths = p, si.time, si.wavelengths
+        ds = mi.DirectionSample3f(self.scene, si, receiver)
+        return self._light(leaf, active).pdf_direction(receiver, ds, active)
+
+
+def _arguments(kind, geometry):
+    """The columns of a primitive as the functions of its shape want them."""
+    if kind == SPHERE:
+        return mi.Point3f(geometry[:3]), geometry[3]
+    first, second, third = (mi.Vector3f(geometry[i : i + 3]) for i in (0, 3, 6))
+    if kind == DISK:
+        return mi.Point3f(first), second, geometry[6]
+    if kind == TRIANGLE:
+        return mi.Point3f(first), mi.Point3f(second), mi.Point3f(third)
+    return mi.Point3f(first), second, third
+
+
+def _faces(kind, geometry, p):
+    """Whether a light emits towards ``p``."""
+    if kind == SPHERE:
+        centre, radius = _arguments(kind, geometry)
+        return (dr.squared_norm(p - centre) - dr.square(radius)) * geometry[4] > 0
+    first, second, third = _arguments(kind, geometry)
+    normal = {
+        RECTANGLE: lambda: dr.cross(second, third),
+        TRIANGLE: lambda: dr.cross(second - first, third - first),
+        DISK: lambda: second,
+    }[kind]()
+    return dr.dot(normal, p - first) > 0

@@ -1,0 +1,51 @@
+"""All lights of a scene: the bounded ones together, and each infinite one."""
+
+import drjit as dr
+import mitsuba as mi
+
+from whitted.lights.bounded import BoundedLights
+from whitted.lights.infinite import infinite_lights
+
+
+class Lights:
+    """The lights of a scene, in groups that are sampled each by itself.
+
+    Attributes:
+        groups: a list of `BoundedLights` and of `InfiniteLight`.
+        is_hittable: a ray can meet some light.
+        is_plain: at a diffuse surface none that a ray can meet needs a second technique.
+
+    Args:
+        scene: ``mi.Scene``.
+        as_points: area lights are points at their centres, and the environment lights nothing.
+    """
+
+    def __init__(self, scene, as_points=False):
+        self.as_points = as_points
+        bounded = BoundedLights(scene, as_points)
+        self.infinite = infinite_lights(scene, as_points)
+        self.bounded = bounded if bounded.count else None
+        self.groups = [*([bounded] if bounded.count else []), *self.infinite]
+        hittable = [group for group in self.groups if group.is_hittable]
+        self.is_hittable = bool(hittable)
+        self.is_plain = all(group.is_plain for group in hittable)
+        self.environment = next((light for light in self.infinite if light.is_hittable), None)
+
+    def pdf(self, si, p, n, active):
+        """Return the density (``Float``) with which ``sample`` of its group at ``p``, ``n`` finds the light at ``si``."""
+        density = mi.Float(0)
+        hit = si.is_valid()
+        if self.bounded is not None and self.bounded.is_hittable:
+            density = self.bounded.pdf(si, p, n, active & hit)
+        if self.environment is not None:
+            density = dr.select(hit, density, self.environment.pdf(si, p, n, active & ~hit))
+        return density
+
+    def is_plain_at(self, si):
+        """Return whether the light at ``si`` is sampled so well that diffuse surfaces need nothing else (``Bool``)."""
+        if self.is_plain:
+            return mi.Bool(True)
+        bounded = mi.Bool(self.bounded is None or self.bounded.is_plain)
+        return dr.select(
+            si.is_valid(), bounded, mi.Bool(self.environment is None or self.environment.is_plain)
+        )

@@ -1,0 +1,176 @@
+"""A short pilot of rays, for what the objects of a scene don't tell of the effects that it calls for.
+
+Geometry first, which is cheap: does anything move, how far does the lens blur, do diffuse surfaces see each other, how
+large are the lights seen from the surfaces. Where that leaves an effect close to nothing, the difference that it makes to
+the radiance of the same samples. Left out: light on paths that fewer than one sample in 10^5 meets.
+"""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from whitted.film import cropped, eye_rays, luminance
+from whitted.sampling.groups import Segments
+from whitted.sampling.sequences import hash4
+
+SAMPLES = 1 << 17
+BOUNCES = 6
+ERRORS, UNSEEN = 1.645, 3.0  # 95 %: standard errors, and how many rare events of a kind may not have come up
+EVIDENT = {
+    "interreflection": 0.01,
+    "depth_of_field": 0.5,
+    "soft_shadows": 0.02,
+}  # sizes: no need to look further
+
+
+class Pilot:
+    """Measurements on one scene.
+
+    Args:
+        integrator: has ``estimate(world, ray, draws, plan, active)``.
+        world: ``World``.
+        sensor: ``mi.Sensor``.
+    """
+
+    def __init__(self, integrator, world, sensor):
+        self.integrator, self.world, self.sensor = integrator, world, sensor
+        self.size = tuple(int(n) for n in sensor.film().size())
+
+    def judge(self, effect, called, negligible):
+        """Return whether an effect is called for, the evidence, and the bound of what leaving it out changes, or None.
+
+        Args:
+            effect: one that can't be ruled out otherwise.
+            called: the names of all such effects.
+            negligible: the relative bound up to which an effect isn't called for.
+        """
+        look = getattr(self, f"_{effect}", None)
+        if look is None:
+            return True, "", None
+        with dr.suspend_grad(), cropped(self.sensor):
+            size, evidence = look()
+            if size > EVIDENT.get(effect, 0):
+                return True, evidence, None
+            bound = self._difference(effect, frozenset(called))
+        return not bound["relative"] <= negligible, evidence, bound
+
+    def _difference(self, effect, called):
+        """The upper bound of the mean change in radiance if an effect is left out, absolute and relative."""
+        on, off = (self._radiance(plan) for plan in (called, called - {effect}))
+        finite = np.isfinite(on) & np.isfinite(off)
+        on, change = on[finite], np.abs(on - off)[finite]
+        seen = change.mean() + ERRORS * change.std() / np.sqrt(change.size)
+        radiance = seen + UNSEEN / change.size * np.abs(on).max(initial=0)
+        mean = on.mean()
+        relative = radiance / mean if mean > 0 else (0.0 if radiance == 0 else np.inf)
+        return {"radiance": float(radiance), "relative": float(relative)}
+
+    def _radiance(self, plan):
+        ray, weight, draws, _, active = self._eye_rays(plan)
+        self.world.forget_rays()
+        found = self.integrator.estimate(self.world, ray, draws, plan, active)
+        return luminance(found["radiance"] * weight, ray.wavelengths).numpy().astype(np.float64)
+
+    def _eye_rays(self, plan):
+        return eye_rays(self.sensor, self.size, _Scattered(*self.size), Segments(0), plan)
+
+    # ---- Each of these returns a size and what to say of it
+
+    def _motion_blur(self):
+        position = mi.Point2f(np.random.default_rng(0).random((2, 256), np.float32))
+        opened = self.sensor.shutter_open()
+        first, last = (
+            self.sensor.sample_ray_differential(time, 0.5, position, mi.Point2f(0.5))[0]
+            for time in (opened, opened + self.sensor.shutter_open_time())
+        )
+        moved = float(dr.max(dr.maximum(dr.norm(last.o - first.o), dr.norm(last.d - first.d)))[0])
+        return moved, "the camera moves" if moved else "nothing moves"
+
+    def _depth_of_field(self):
+        """How far rays through the lens are off those through its centre where these hit, in pixels."""
+        centre, *_, active = self._eye_rays(frozenset())
+        through_lens, *_ = self._eye_rays(frozenset({"depth_of_field"}))
+        beside = self._beside()
+        si = self.world.scene.ray_intersect(centre, active)
+        far = 1e4 * float(dr.norm(self.world.scene.bbox().extents()))
+        p = centre(dr.select(si.is_valid(), si.t, far))
+
+        def off(ray):
+            return dr.norm(ray(dr.dot(p - ray.o, centre.d) / dr.dot(ray.d, centre.d)) - p)
+
+        pixels = (off(through_lens) / off(beside)).numpy()[active.numpy()]
+        largest = float(np.nanmax(pixels, initial=0))
+        return largest, f"rays through it are off by up to {largest:.2g} pixels"
+
+    def _beside(self):
+        """Eye rays through the centre of the lens, one pixel to the right of the pilot's."""
+        x, y, *_ = _Scattered(*self.size).samples()
+        position = (mi.Point2f(x + 1, y) + 0.5) * mi.ScalarPoint2f(1 / self.size[0], 1 / self.size[1])
+        time = self.sensor.shutter_open()
+        return self.sensor.sample_ray_differential(time, 0.5, position, mi.Point2f(0.5))[0]
+
+    def _interreflection(self):
+        """The share of rays from diffuse surfaces that meet another surface."""
+        ray, *_, active = self._eye_rays(frozenset())
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(0, SAMPLES)
+        context = mi.BSDFContext()
+
+        def step(active, ray, was_diffuse, tries, hits, sampler):
+            si = self.world.scene.ray_intersect(ray, active)
+            met = active & si.is_valid()
+            hits += dr.select(met & was_diffuse, mi.UInt32(1), 0)
+            sample, weight = si.bsdf().sample(context, si, sampler.next_1d(), sampler.next_2d(), met)
+            met &= ~dr.all(weight == 0)
+            is_diffuse = met & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Diffuse)
+            tries += dr.select(is_diffuse, mi.UInt32(1), 0)
+            return met, si.spawn_ray(si.to_world(sample.wo)), is_diffuse, tries, hits, sampler
+
+        start = (active, ray, mi.Bool(False), mi.UInt32(0), mi.UInt32(0), sampler)
+
+        def bounded(bounce, *state):
+            return bounce + 1, *step(*state)
+
+        state = dr.while_loop(
+            (mi.UInt32(0), *start), lambda bounce, active, *_: active & (bounce < BOUNCES), bounded
+        )
+        tries, hits = (int(dr.sum(count)[0]) for count in state[4:6])
+        share = hits / tries if tries else 0.0
+        return share, f"of {tries} rays from diffuse surfaces {100 * share:.2g} % meet a surface"
+
+    def _soft_shadows(self):
+        """The largest angle in radians in which a light is seen from a surface that the eye sees."""
+        lights = self.world.lights()
+        if lights.environment is not None:
+            return np.pi, "from all around"
+        ray, *_, active = self._eye_rays(frozenset())
+        si = self.world.scene.ray_intersect(ray, active)
+        p = np.array(si.p).T[si.is_valid().numpy()][:: SAMPLES >> 12]
+        largest = max((_angle(p, *box) for box in lights.bounded.boxes), default=0.0)
+        return largest, f"seen in an angle of up to {largest:.2g} rad"
+
+
+def _angle(p, lower, upper):
+    """The largest angle in radians in which a box is seen from points [N, 3]."""
+    distance = np.linalg.norm(np.maximum(np.maximum(lower - p, p - upper), 0), axis=1).min(initial=np.inf)
+    return float(2 * np.arctan2(np.linalg.norm(upper - lower) / 2, distance))
+
+
+class _Scattered:
+    """The pilot's samples: pixels at random, with the interface of `whitted.film.Grid`."""
+
+    def __init__(self, width, height):
+        self.width, self.height = width, height
+
+    def samples(self):
+        """Return x and y (``Int32``), the sample's number, the block's, and who is active."""
+        lane = dr.arange(mi.UInt32, SAMPLES)
+        a, b, *_ = hash4(lane, mi.UInt32(1), mi.UInt32(2), mi.UInt32(3))
+        x, y = a % dr.opaque(mi.UInt32, self.width), b % dr.opaque(mi.UInt32, self.height)
+        return (
+            mi.Int32(x),
+            mi.Int32(y),
+            lane // (self.width * self.height),
+            lane // 16,
+            dr.full(mi.Bool, True, SAMPLES),
+        )

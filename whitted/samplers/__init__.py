@@ -1,0 +1,1 @@
+"""Mitsuba plugins: samplers, one per file."""
