@@ -144,10 +144,13 @@ class _Walk:
         is_rough = bool(flags & lobe.Glossy)
         self.combines_rough = is_rough and self.lights.is_hittable and not any(self.mirrored.values())
         self.combines_diffuse = self.interreflects and self.lights.is_hittable and not self.lights.is_plain
-        self.combines = self.combines_rough or self.combines_diffuse
+        self.meets = self.lights.only_met and bool(flags & lobe.Smooth)
+        self.combines = self.combines_rough or self.combines_diffuse or self.meets
         follows_rough = is_rough and onwards and (self.reflects or self.refracts)
         self.has_specular = self.scatters and world.branching > 0
-        self.has_smooth = self.scatters and (self.interreflects or follows_rough or self.combines_rough)
+        self.has_smooth = self.scatters and (
+            self.interreflects or follows_rough or self.combines_rough or self.meets
+        )
         self.may_end = limit < 0 or limit > integrator.rr_depth
         self.splits = max(
             self.gloss_samples if is_rough else 1, self.diffuse_samples if self.interreflects else 1
@@ -218,7 +221,8 @@ class _Walk:
         # ---- Direct light
         vertex = self.vertex(si, node, hit, within)
         samples = self.count(vertex, self.light_samples)
-        L = direct_light(world, lights, si, self.draws, node.id, vertex.combined, samples, within)
+        lobes = self.count(vertex, self.gloss_samples if self.splits > 1 else 1)
+        L = direct_light(world, lights, si, self.draws, node.id, vertex.combined, samples, lobes, within)
         sums["radiance"] += dr.select(within, node.w * L, 0)
 
         # ---- Branches
@@ -264,7 +268,7 @@ class _Walk:
         combined = None
         if self.combines:
             plain = rough & self.combines_rough
-            combined = plain, plain | (onwards & self.combines_diffuse)
+            combined = plain, plain | (onwards & self.combines_diffuse) | self.meets
         return _Vertex(si, node, hit, within, flags, rough, onwards, is_first, combined)
 
     def count(self, vertex, samples):
@@ -307,7 +311,7 @@ class _Walk:
             | (transmits & self.refracts)
             | (~reflects & ~transmits & self.interreflects)
         )
-        active &= (followed | (vertex.rough & self.combines_rough)) & ~dr.all(weight == 0)
+        active &= (followed | (vertex.rough & self.combines_rough) | self.meets) & ~dr.all(weight == 0)
         if self.splits > 1:
             wanted = dr.select(reflects | transmits, mi.UInt32(self.gloss_samples), self.diffuse_samples)
             wanted = dr.select(vertex.is_first, wanted, 1)
@@ -321,20 +325,14 @@ class _Walk:
         child.o, child.d = ray.o, ray.d
         if self.combines:
             pdf = si.bsdf().pdf(mi.BSDFContext(), si, wo, active) if self.world.mixes_lobes else sample.pdf
-            ratio = self.ratio(vertex)
+            rays = self.count(vertex, self.gloss_samples if self.splits > 1 else 1)
+            pdf = pdf * rays * dr.rcp(mi.Float(self.count(vertex, self.light_samples)))
             child.p, child.n = si.p, self.world.light_side(si)
-            child.pdf = dr.select(
-                vertex.combined[0], pdf * ratio, dr.select(vertex.combined[1], -pdf * ratio, 0)
-            )
+            child.pdf = dr.select(vertex.combined[0], pdf, dr.select(vertex.combined[1], -pdf, 0))
         self.world.count("reflection", active & reflects)
         self.world.count("transmission", active & transmits)
         self.world.count("interreflection", active & ~reflects & ~transmits)
         return child, active
-
-    def ratio(self, vertex):
-        """Rays into lobes for each sample of the lights."""
-        rays = self.gloss_samples if self.splits > 1 else 1
-        return dr.select(vertex.is_first, rays / self.light_samples, mi.Float(1))
 
     def centred(self, si, sample, reflects, transmits):
         """The direction of a sample, or the middle of its lobe where that isn't distributed."""

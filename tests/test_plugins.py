@@ -57,3 +57,11 @@ def test_plugins_load_from_xml_and_dict():
         xml = f'<{tag} version="3.0.0" type="{entry.name}">{inside}</{tag}>'
         for made in (mi.load_string(xml), mi.load_dict({"type": entry.name, **properties})):
             assert type(made).__module__ == entry.value
+
+
+@pytest.mark.parametrize(("version", "theirs"), [("3.9.1", False), ("3.10.0", True), ("3.11.0.dev1", True)])
+def test_mitsuba_registers_by_itself_from_3_10(monkeypatch, version, theirs):
+    import mitsuba as mi
+
+    monkeypatch.setattr(mi, "__version__", version)
+    assert _plugins._mitsuba_registers() is theirs

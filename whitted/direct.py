@@ -15,7 +15,7 @@ def power_heuristic(pdf, other):
     return dr.select(pdf > 0, pdf / (pdf + other), 0)
 
 
-def direct_light(world, lights, si, draws, node, combined, samples, active):
+def direct_light(world, lights, si, draws, node, combined, samples, lobes, active):
     """Estimate the light that the groups of ``lights`` send to ``si`` and that is scattered along the ray back.
 
     Where the light of all bounded lights is known in closed form if nothing lies between, what is sampled is only what
@@ -27,6 +27,7 @@ def direct_light(world, lights, si, draws, node, combined, samples, active):
         combined: which lights rays from here look for as well, so that both share the estimate: masks
             (``Bool`` [N]) for the plain ones (see ``Lights.is_plain``) and for the others.
         samples: how many of each group, ``int`` or ``UInt32`` [N].
+        lobes: how many rays go on from here, ``int`` or ``UInt32`` [N].
         active: ``Bool`` [N].
 
     Returns:
@@ -42,14 +43,14 @@ def direct_light(world, lights, si, draws, node, combined, samples, active):
             albedo = dr.select(has_side, world.diffuse_reflectance(si, has_side) * dr.inv_pi, 0)
             L += albedo * lights.bounded.irradiance(si, n, has_side)
         for number, group in enumerate(lights.groups):
-            L += _group(world, group, number, si, n, albedo, draws, node, combined, samples, active)
+            L += _group(world, group, number, si, n, albedo, draws, node, combined, samples, lobes, active)
         return L, world.rays, sampler
 
     L, world.rays, _ = when(active, estimate, mi.Spectrum(0), world.rays, draws.state)
     return L
 
 
-def _group(world, group, number, si, n, albedo, draws, node, combined, samples, active):
+def _group(world, group, number, si, n, albedo, draws, node, combined, samples, lobes, active):
     """The estimate of one group: the mean of its samples."""
     is_one = isinstance(samples, int) and samples == 1
     count = mi.UInt32(samples)
@@ -59,7 +60,7 @@ def _group(world, group, number, si, n, albedo, draws, node, combined, samples, 
         part = None if is_one else (j, count)
         u = draws("light", node, 2 * number, part) if group.needs_point else mi.Point2f(0.5)
         choice = draws("light", node, 2 * number + 1, part).x if group.needs_choice else mi.Float(0.5)
-        L = L + _sample(world, group, si, n, albedo, u, choice, combined, samples, active)
+        L = L + _sample(world, group, si, n, albedo, u, choice, combined, samples, lobes, active)
         return j + 1, L, world.rays, sampler
 
     state = (mi.UInt32(0), mi.Spectrum(0), world.rays, draws.state)
@@ -71,7 +72,7 @@ def _group(world, group, number, si, n, albedo, draws, node, combined, samples, 
     return L / mi.Float(count)
 
 
-def _sample(world, group, si, n, albedo, u, choice, combined, samples, active):
+def _sample(world, group, si, n, albedo, u, choice, combined, samples, lobes, active):
     """The estimate from one sample of one group, less what is known of it."""
     sample = group.sample(si, n, u, choice, active)
     wo, context = si.to_local(sample.d), mi.BSDFContext()
@@ -79,7 +80,7 @@ def _sample(world, group, si, n, albedo, u, choice, combined, samples, active):
     if shares:
         value, density = si.bsdf().eval_pdf(context, si, wo, active)
         mask = combined[0] if group.is_plain else combined[1]
-        value *= dr.select(mask & (sample.pdf > 0), power_heuristic(sample.pdf * samples, density), 1)
+        value *= dr.select(mask & (sample.pdf > 0), power_heuristic(sample.pdf * samples, density * lobes), 1)
     else:
         value = si.bsdf().eval(context, si, wo, active)
     dark = dr.all(sample.weight == 0)  # where there is no direction either

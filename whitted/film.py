@@ -13,7 +13,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from whitted.sampling.draws import Draws
+from whitted.sampling.draws import Draws, joint_dimensions
 
 BLOCK = 4  # pixels of a block's side; neighbours share a SIMD packet, and so their rays stay together
 
@@ -122,7 +122,8 @@ def eye_rays(sensor, size, grid, groups, plan):
     index, seed = groups.number(number)
     # The film's border may have negative coordinates; 16 bits for each keep the numbers apart
     pixel = mi.UInt32(y & 0xFFFF) * 65536 + mi.UInt32(x & 0xFFFF)
-    draws = Draws(pixel, index, seed, block)
+    bits = 16 if grid.start + grid.count <= 1 << 16 else 32
+    draws = Draws(pixel, index, seed, block, joint_dimensions(plan), bits)
     offset = draws("pixel") if "antialiasing" in plan else mi.Point2f(0.5)
     position = (mi.Point2f(x, y) + offset) * mi.ScalarPoint2f(1 / size[0], 1 / size[1])
     lens = draws("lens") if "depth_of_field" in plan else mi.Point2f(0.5)

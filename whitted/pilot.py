@@ -141,8 +141,8 @@ class Pilot:
     def _soft_shadows(self):
         """The largest angle in radians in which a light is seen from a surface that the eye sees."""
         lights = self.world.lights()
-        if lights.environment is not None:
-            return np.pi, "from all around"
+        if lights.environment is not None or lights.only_met:
+            return np.pi, "its angle may be large"
         ray, *_, active = self._eye_rays(frozenset())
         si = self.world.scene.ray_intersect(ray, active)
         p = np.array(si.p).T[si.is_valid().numpy()][:: SAMPLES >> 12]
@@ -158,6 +158,8 @@ def _angle(p, lower, upper):
 
 class _Scattered:
     """The pilot's samples: pixels at random, with the interface of `whitted.film.Grid`."""
+
+    start, count = 0, SAMPLES
 
     def __init__(self, width, height):
         self.width, self.height = width, height

@@ -108,7 +108,7 @@ def trace(scene, pixel, integrator=None, *, seed=0, sensor=0):
         numbers = (
             dr.gather(mi.UInt32, value, lane) for value in (draws.pixel, draws.index, draws.seed, draws.block)
         )
-        recorder = _Recorder(integrator, scene.mitsuba, ray, weight, Draws(*numbers))
+        recorder = _Recorder(integrator, scene.mitsuba, ray, weight, Draws(*numbers, draws.joint, draws.bits))
         recorder.grow()
     nodes = recorder.nodes
     radiance = np.sum([node["contribution"] for node in nodes], axis=0).tolist()

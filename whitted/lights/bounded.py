@@ -18,6 +18,7 @@ from whitted.lights.primitives import (
 from whitted.lights.sample import LightSample
 from whitted.lights.tree import LightTree
 
+NOT_SAMPLED = 0xFFFFFFFF
 MOST_CLOSED = 4  # primitives up to which all are summed up in closed form at a vertex
 CLOSED = {RECTANGLE, TRIANGLE, SPHERE}
 SHAPES = {RECTANGLE: rectangle, TRIANGLE: triangle, DISK: disk, SPHERE: sphere}
@@ -31,6 +32,7 @@ class BoundedLights:
         is_closed: the unoccluded irradiance of all of them is known, see ``irradiance``.
         is_plain: at a diffuse surface none that a ray can meet needs a second technique beside ``sample``.
         is_hittable: a ray can meet some.
+        only_met: there are others that can't be sampled, so that only rays that meet them find their light.
         needs_choice, needs_point: ``sample`` uses ``choice``, and ``u``.
 
     Args:
@@ -49,8 +51,9 @@ class BoundedLights:
             for kind, e in zip(parts.kind, parts.emitter, strict=True)
             if not is_delta(self.emitters[int(e)])
         ]
-        self.is_hittable = bool(met) and not as_points
-        self.is_plain = MITSUBA not in met
+        self.only_met = parts.only_met
+        self.is_hittable = (bool(met) or self.only_met) and not as_points
+        self.is_plain = MITSUBA not in met and not self.only_met
         self.needs_choice, self.needs_point = self.count > 1, bool(met) and not as_points
         self.boxes = list(zip(parts.lower, parts.upper, strict=True))
         if not self.count:
@@ -60,9 +63,9 @@ class BoundedLights:
         self.kind, self.emitter = mi.UInt32(parts.kind.tolist()), mi.UInt32(parts.emitter.tolist())
         self.geometry = [mi.Float(column.tolist()) for column in parts.geometry.T]
         self.colour = [mi.Float(column.tolist()) for column in parts.radiance.T]
-        first = np.zeros(max(parts.first, default=0) + 1, np.uint32)
+        first = np.full(max(parts.first, default=0) + 1, NOT_SAMPLED, np.uint32)
         first[list(parts.first)] = list(parts.first.values())
-        self.first = mi.UInt32(first.tolist())
+        self.first, self.shapes = mi.UInt32(first.tolist()), dr.opaque(mi.UInt32, len(first))
         cone = parts.axis, parts.cos_spread, np.zeros(self.count)
         self.tree = LightTree(parts.lower, parts.upper, parts.power, *cone)
 
@@ -100,7 +103,9 @@ class BoundedLights:
 
     def pdf(self, si, p, n, active):
         """Return the density (``Float``) with which ``sample`` at ``p``, ``n`` finds the point ``si`` of a light."""
-        leaf = dr.gather(mi.UInt32, self.first, dr.reinterpret_array(mi.UInt32, si.shape), active)
+        shape = dr.reinterpret_array(mi.UInt32, si.shape)
+        leaf = dr.gather(mi.UInt32, self.first, shape, active & (shape < self.shapes))
+        active = active & (shape < self.shapes) & (leaf != NOT_SAMPLED)
         leaf += dr.select(self._gather(self.kind, leaf, active) == TRIANGLE, si.prim_index, 0)
         geometry, kind = self._geometry(leaf, active), self._gather(self.kind, leaf, active)
         density = mi.Float(0)
@@ -111,7 +116,7 @@ class BoundedLights:
             else:
                 new = SHAPES[one].pdf(*_arguments(one, geometry), p, n, si.p)
             density = dr.select(here, new, density)
-        return density * self.tree.probability(leaf, p, n, active)
+        return dr.select(active, density * self.tree.probability(leaf, p, n, active), 0)
 
     def irradiance(self, si, n, active):
         """Return the irradiance (``Spectrum``) from all lights if nothing lies between; only where ``is_closed``."""

@@ -14,6 +14,7 @@ class Lights:
         groups: a list of `BoundedLights` and of `InfiniteLight`.
         is_hittable: a ray can meet some light.
         is_plain: at a diffuse surface none that a ray can meet needs a second technique.
+        only_met: there are lights that can't be sampled, so that only rays that meet them find their light.
 
     Args:
         scene: ``mi.Scene``.
@@ -25,8 +26,9 @@ class Lights:
         bounded = BoundedLights(scene, as_points)
         self.infinite = infinite_lights(scene, as_points)
         self.bounded = bounded if bounded.count else None
+        self.only_met = bounded.only_met
         self.groups = [*([bounded] if bounded.count else []), *self.infinite]
-        hittable = [group for group in self.groups if group.is_hittable]
+        hittable = [group for group in (bounded, *self.infinite) if group.is_hittable]
         self.is_hittable = bool(hittable)
         self.is_plain = all(group.is_plain for group in hittable)
         self.environment = next((light for light in self.infinite if light.is_hittable), None)
@@ -45,7 +47,7 @@ class Lights:
         """Return whether the light at ``si`` is sampled so well that diffuse surfaces need nothing else (``Bool``)."""
         if self.is_plain:
             return mi.Bool(True)
-        bounded = mi.Bool(self.bounded is None or self.bounded.is_plain)
+        bounded = mi.Bool(self.bounded is not None and self.bounded.is_plain)
         return dr.select(
             si.is_valid(), bounded, mi.Bool(self.environment is None or self.environment.is_plain)
         )

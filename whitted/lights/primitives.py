@@ -38,6 +38,9 @@ class Primitives:
     axis: np.ndarray
     cos_spread: np.ndarray
     first: dict  # from the registry number of a shape to its first primitive
+    only_met: (
+        bool  # there are emitters besides that can't be sampled: only rays that meet them find their light
+    )
 
     def __len__(self):
         return len(self.kind)
@@ -60,26 +63,36 @@ def primitives_of(scene, as_points=False):
     With ``as_points`` an emitter that rays could meet becomes a point at its centre, of the same power: with the
     intensity of a Lambertian surface if it is flat, else the same in all directions.
     """
-    rows, first = [], {}
-    shapes = {shape.ptr: shape for shape in scene.shapes()}  # these know that they are meshes
+    rows, first, met = [], {}, False
+    shapes = {shape.emitter().ptr: shape for shape in scene.shapes() if shape.emitter() is not None}
     for number, emitter in enumerate(scene.emitters()):
-        flags = int(emitter.flags())
+        flags, shape = int(emitter.flags()), shapes.get(emitter.ptr)
         if flags & mi.EmitterFlags.Infinite:
             continue
-        shape = shapes.get(getattr(emitter.get_shape(), "ptr", None))
+        if shape is None and flags & mi.EmitterFlags.Surface or shape is not None and not _has_area(shape):
+            met = True
+            continue
         if shape is not None:
             first[_registry_number(shape)] = len(rows)
         if shape is None or is_delta(emitter):
-            rows.append((number, np.ones(1), _whole(emitter), _power(emitter)))
+            rows.append((number, np.ones(1), _whole(emitter, shape), _power(emitter)))
             continue
         is_uniform = not flags & mi.EmitterFlags.SpatiallyVarying
         radiance = _radiance(emitter, shape, is_uniform)
         parts = _taken_apart(shape) if is_uniform or as_points else None
         if as_points:
             parts = [_point(shape, parts)]
-        for part in parts or [_whole(emitter)]:
+        for part in parts or [_whole(emitter, shape)]:
             rows.append((number, radiance, part, np.pi * part.area * radiance.mean()))
-    return _table(rows, first)
+    return _table(rows, first, met and not as_points)
+
+
+def _has_area(shape):
+    """Whether Mitsuba can sample positions on a shape."""
+    try:
+        return float(np.ravel(shape.surface_area())[0]) > 0
+    except RuntimeError:  # not implemented
+        return False
 
 
 def is_delta(emitter):
@@ -91,7 +104,7 @@ def _registry_number(shape):
     return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
 
 
-def _table(rows, first):
+def _table(rows, first, only_met):
     parts = [part for _, _, part, _ in rows]
     normals = np.array([part.normal for part in parts], np.float64).reshape(-1, 3)
     colours = 1 if mi.is_monochromatic or mi.is_spectral else 3
@@ -106,6 +119,7 @@ def _table(rows, first):
         axis=np.where(normals.any(1, keepdims=True), normals, (0, 0, 1)),
         cos_spread=np.where(normals.any(1), 1.0, -1.0),
         first=first,
+        only_met=only_met,
     )
 
 
@@ -134,19 +148,16 @@ def _points(count, dimensions=2):
     return mi.Point2f(u) if dimensions == 2 else [mi.Float(row) for row in u]
 
 
-def _whole(emitter):
+def _whole(emitter, shape):
     """An emitter that is left to Mitsuba, with the bounds of its shape or of the rays that leave it."""
-    box, area = emitter.bbox(), 0.0
-    if box.valid():
-        lower, upper = np.array(box.min), np.array(box.max)
-    else:
-        u = _points(PROBES, 5)
-        ray, _ = emitter.sample_ray(0.0, u[0], mi.Point2f(u[1], u[2]), mi.Point2f(u[3], u[4]))
-        origin = np.array(ray.o)
-        lower, upper = origin.min(1), origin.max(1)
-    if emitter.get_shape() is not None:
-        area = float(np.ravel(emitter.get_shape().surface_area())[0])
-    return _Part(MITSUBA, np.zeros(9), lower, upper, area)
+    if shape is not None:
+        box = shape.bbox()
+        area = float(np.ravel(shape.surface_area())[0])
+        return _Part(MITSUBA, np.zeros(9), np.array(box.min), np.array(box.max), area)
+    u = _points(PROBES, 5)
+    ray, _ = emitter.sample_ray(0.0, u[0], mi.Point2f(u[1], u[2]), mi.Point2f(u[3], u[4]))
+    origin = np.array(ray.o)
+    return _Part(MITSUBA, np.zeros(9), origin.min(1), origin.max(1), 0.0)
 
 
 def _point(shape, parts):

@@ -17,6 +17,7 @@ import mitsuba as mi
 from whitted.lights import guards, polygon, warp
 
 FAR = 1e3  # in sizes; from there on solid angle is uniform over the area to 0.2 %, and the area is sampled
+EXPONENT = 0x7F800000  # the bits of a float's exponent
 
 
 def sample(o, ex, ey, p, n, u):
@@ -69,13 +70,14 @@ def irradiance(o, ex, ey, p, n):
 class _View:
     """The rectangle [x0, x1] x [y0, y1], with edges of lengths ``w`` and ``h``, from a height ``z`` over the origin.
 
-    Lengths are in units of ``size``, the two edges' sum. The axes are turned such that the centre's coordinates
-    ``cx``, ``cy`` and ``z`` aren't negative.
+    Lengths are in units of ``size``, the power of two next below the edges' sum: nothing is rounded on the way. The
+    axes are turned such that the centre's coordinates ``cx``, ``cy`` and ``z`` aren't negative.
     """
 
     def __init__(self, o, ex, ey, p):
         width, height = dr.norm(ex), dr.norm(ey)
-        self.size = width + height
+        exponent = dr.reinterpret_array(mi.UInt32, width + height) & EXPONENT
+        self.size = dr.reinterpret_array(mi.Float, exponent)
         self.w, self.h = width / self.size, height / self.size
         self.centre = o + 0.5 * (ex + ey)
         self.v = self.centre - p
@@ -94,12 +96,18 @@ class _View:
         self.half = self.tau(self.w, self.x0, self.r00, self.r01, self.D0)
 
     def strip(self, x):
-        """Return the distances ``r0``, ``r1`` of the ends of the strip's cut at ``x``, and ``D(x)``."""
-        rho2, y0y1 = x * x + self.z * self.z, self.y0 * self.y1
+        """Return the distances ``r0``, ``r1`` of the ends of the strip's cut at ``x``, and ``D(x)``.
+
+        Of two ways to write it, each with no difference of large numbers where the other has one.
+        """
+        z2, y0y1 = self.z * self.z, self.y0 * self.y1
+        y2, rho2 = self.y0 * self.y0 + self.y1 * self.y1, x * x + z2
         r0, r1 = dr.sqrt(rho2 + self.y0 * self.y0), dr.sqrt(rho2 + self.y1 * self.y1)
         r0r1 = r0 * r1
-        opposed = rho2 * (rho2 + self.y0 * self.y0 + self.y1 * self.y1) / (r0r1 - y0y1)  # is r0r1 + y0y1
-        return r0, r1, dr.select(y0y1 > 0, r0r1 + y0y1, opposed) + x * (r0 + r1) + rho2
+        sum_ = dr.select(y0y1 > 0, r0r1 + y0y1, rho2 * (rho2 + y2) / (r0r1 - y0y1))
+        ahead = sum_ + x * (r0 + r1) + rho2
+        behind = (y0y1 * y0y1 + z2 * (y2 + z2)) / ((r0 - x) * (r1 - x)) + z2 + y0y1
+        return r0, r1, dr.select((x < 0) & (x * x > dr.abs(y0y1)), behind, ahead)
 
     def tau(self, dx, x, r0, r1, D):
         """Return half the solid angle between ``x`` and ``x1 = x + dx``, without a difference of angles."""

@@ -5,7 +5,7 @@ Source: [Arvo1995] for cutting off a share of the spherical triangle at a point 
 tangent of half the solid angle is a ratio of two expressions linear in a unit vector that moves along ``bc``, so the
 point on the side comes from a linear equation, with no difference of angles: small triangles lose no digits. Left out:
 a solid angle that keeps its digits for receivers so close to a side that rounding their positions changes it; its
-relative error is 1e-7 times the side's length over the distance.
+relative error is up to 3e-7 times the side's length over the distance.
 """
 
 import drjit as dr
