@@ -4,6 +4,7 @@ Source: [CookPorterCarpenter1984] for what is distributed, [Kajiya1986] for foll
 for combining techniques. Left out: participating media.
 """
 
+import dataclasses
 from typing import NamedTuple
 
 import drjit as dr
@@ -23,6 +24,8 @@ VISIT = 16  # the number of surfaces met, counted in the tag's upper bits
 CUTOFF = 1 / 16  # a branch of the tree with less throughput than this survives by roulette
 MOST_SURVIVAL = 0.95  # of roulette, as in Mitsuba's path
 MAX_SAMPLES = 64
+# Numbers of samples at the first hit, and the kind as which a pilot shares them out
+SAMPLES = {"light_samples": "light", "gloss_samples": "lobes", "interreflection_samples": "lobes"}
 INFINITE = 2**32 - 1
 
 
@@ -39,9 +42,10 @@ class DistributionIntegrator(mi.SamplingIntegrator):
     ``effects``                 string  ``auto``: what the scene calls for; ``all``; or a list of names  auto
     ``tree_depth``              integer up to this depth all branches of specular surfaces are followed, 2
                                         below one is chosen at random
-    ``light_samples``           integer shadow rays to each group of lights from the first hit, 1 to 64  1
-    ``gloss_samples``           integer rays into rough lobes at the first hit, 1 to 64                  1
-    ``interreflection_samples`` integer rays into diffuse lobes at the first hit, 1 to 64                1
+    ``light_samples``           integer shadow rays to each group of lights from the first hit, 1 to 64, 1
+                                        or ``auto``: shared out by the noise that each effect causes
+    ``gloss_samples``           integer rays into rough lobes at the first hit, 1 to 64, or ``auto``     1
+    ``interreflection_samples`` integer rays into diffuse lobes at the first hit, 1 to 64, or ``auto``   1
     =========================== ======= ================================================================ =======
     """
 
@@ -52,19 +56,35 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         self.hide_emitters = bool(props.get("hide_emitters", False))
         self.effects = effects.parse(props.get("effects", "auto"))
         self.tree_depth = props.get("tree_depth", 2)
-        self.light_samples = props.get("light_samples", 1)
-        self.gloss_samples = props.get("gloss_samples", 1)
-        self.interreflection_samples = props.get("interreflection_samples", 1)
+        self.samples = {name: props.get(name, 1) for name in SAMPLES}
         _check("max_depth", self.max_depth, -1, 2**31 - 1)
         _check("rr_depth", self.rr_depth, 1, 2**31 - 1)
         _check("tree_depth", self.tree_depth, 0, 64)
-        for name in ("light_samples", "gloss_samples", "interreflection_samples"):
-            _check(name, getattr(self, name), 1, MAX_SAMPLES)
+        for name, value in self.samples.items():
+            if value != "auto":
+                _check(name, value, 1, MAX_SAMPLES, " and auto")
 
     def plan(self, world, sensor=None, name="scene"):
         """Return the `effects.Plan` of a ``World`` seen by a sensor; without one nothing is measured."""
-        pilot = Pilot(self, world, sensor) if sensor is not None and self.effects == "auto" else None
-        return effects.decide(world, sensor, self.effects, self.max_depth, name, pilot)
+        pilot = Pilot(self, world, sensor) if sensor is not None else None
+        found = effects.decide(world, sensor, self.effects, self.max_depth, name, pilot)
+        if pilot is None or "auto" not in self.samples.values():
+            return found
+        return dataclasses.replace(found, samples=pilot.share(found.effects))
+
+    def fixed(self, plan):
+        """Return an integrator that simulates what a plan of this one says, with nothing left to decide."""
+        return mi.load_dict(
+            self.properties() | {"effects": effects.spell(tuple(plan.effects))} | self.samples_of(plan)
+        )
+
+    def samples_of(self, plan):
+        """Return the numbers of samples at the first hit by their properties' names, those that are shared out too."""
+        shared = getattr(plan, "samples", {})
+        return {
+            name: shared.get(kind, 1) if self.samples[name] == "auto" else self.samples[name]
+            for name, kind in SAMPLES.items()
+        }
 
     def estimate(self, world, ray, draws, plan, active=True):
         """Estimate the radiance along each eye ray.
@@ -105,8 +125,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
     def properties(self):
         """Return the dict that ``mi.load_dict`` makes an equal integrator of."""
         names = ("max_depth", "rr_depth", "hide_emitters", "tree_depth")
-        names += ("light_samples", "gloss_samples", "interreflection_samples")
-        values = {name: getattr(self, name) for name in names}
+        values = {name: getattr(self, name) for name in names} | self.samples
         return {"type": "distribution", "effects": effects.spell(self.effects)} | values
 
     def to_string(self):
@@ -126,11 +145,7 @@ class _Walk:
         self.max_depth = dr.opaque(mi.UInt32, INFINITE if limit < 0 else limit)
         self.rr_depth = dr.opaque(mi.UInt32, integrator.rr_depth)
         self.tree_depth = dr.opaque(mi.UInt32, integrator.tree_depth)
-        self.light_samples = integrator.light_samples
-        self.gloss_samples, self.diffuse_samples = (
-            integrator.gloss_samples,
-            integrator.interreflection_samples,
-        )
+        self.light_samples, self.gloss_samples, self.diffuse_samples = integrator.samples_of(plan).values()
 
         # ---- What the kernel needs of it all
         self.scatters = limit < 0 or limit >= 2 or world.is_transparent
@@ -203,7 +218,7 @@ class _Walk:
         world, lights = self.world, self.lights
         ray = mi.Ray3f(node.o, node.d, self.ray.time, self.ray.wavelengths)
         is_eye = (node.depth == 0) & ((node.tag & CHAIN) != 0)
-        si = world.intersect(ray, is_eye, active, coherent=not self.goes_on)
+        si = world.intersect(ray, is_eye, active)
         hit = active & si.is_valid()
 
         # ---- Emission
@@ -222,7 +237,19 @@ class _Walk:
         vertex = self.vertex(si, node, hit, within)
         samples = self.count(vertex, self.light_samples)
         lobes = self.count(vertex, self.gloss_samples if self.splits > 1 else 1)
-        L = direct_light(world, lights, si, self.draws, node.id, vertex.combined, samples, lobes, within)
+        L = direct_light(
+            world,
+            lights,
+            si,
+            self.draws,
+            node.id,
+            vertex.albedo,
+            vertex.is_seen,
+            vertex.combined,
+            samples,
+            lobes,
+            within,
+        )
         sums["radiance"] += dr.select(within, node.w * L, 0)
 
         # ---- Branches
@@ -264,12 +291,27 @@ class _Walk:
         flags = si.bsdf().flags()
         rough = mi.has_flag(flags, mi.BSDFFlags.Glossy)
         onwards = node.depth + 2 < self.max_depth
-        is_first = (node.depth == 0) & ((node.tag & CHAIN) != 0)
+        is_seen = (node.tag & CHAIN) != 0
         combined = None
         if self.combines:
             plain = rough & self.combines_rough
             combined = plain, plain | (onwards & self.combines_diffuse) | self.meets
-        return _Vertex(si, node, hit, within, flags, rough, onwards, is_first, combined)
+        albedo = mi.Spectrum(0)
+        if self.lights.is_closed or self.world.is_lambertian:
+            albedo = self.world.diffuse_reflectance(si, within)
+        return _Vertex(
+            si,
+            node,
+            hit,
+            within,
+            flags,
+            rough,
+            onwards,
+            is_seen & (node.depth == 0),
+            is_seen,
+            albedo,
+            combined,
+        )
 
     def count(self, vertex, samples):
         """The number of samples at a vertex: several at the first hit, one elsewhere."""
@@ -303,7 +345,7 @@ class _Walk:
         part = None if self.splits == 1 else (j, self.count(vertex, self.splits))
         u = self.draws("branch", node.id, 0, part)
         v = self.draws((vertex.rough, "gloss", "hemisphere"), node.id, 0, part)
-        sample, weight = self.world.scatter(si, u.x, v, active)
+        sample, weight = self.world.scatter(si, u.x, v, vertex.albedo, active)
         reflects = mi.has_flag(sample.sampled_type, lobe.GlossyReflection)
         transmits = mi.has_flag(sample.sampled_type, lobe.GlossyTransmission)
         followed = vertex.onwards & (
@@ -430,6 +472,8 @@ class _Vertex(NamedTuple):
     rough: object  # Bool: it has rough lobes
     onwards: object  # Bool: what is followed from here may scatter again
     is_first: object  # Bool: it is seen by the eye directly
+    is_seen: object  # Bool: it is seen directly or by way of specular surfaces
+    albedo: object  # Spectrum: reflectance of the diffuse lobes, where it is needed
     combined: object  # masks, see `direct_light`; None: none of both
 
 
@@ -438,9 +482,9 @@ def _importance(w, eta):
     return dr.max(w) * dr.square(eta)
 
 
-def _check(name, value, lowest, highest):
+def _check(name, value, lowest, highest, besides=""):
     if not (isinstance(value, int) and lowest <= value <= highest):
-        raise UsageError(f"{name} is {value}; accepted are whole numbers from {lowest} to {highest}")
+        raise UsageError(f"{name} is {value}; accepted are whole numbers from {lowest} to {highest}{besides}")
 
 
 mi.register_integrator("distribution", DistributionIntegrator)

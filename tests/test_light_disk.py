@@ -31,7 +31,7 @@ def irradiance(centre, axis, radius, n):
     By Gauss's rule on pieces of the rim that are the smaller the nearer the receiver is; along the horizon it is half
     the angle.
     """
-    centre, axis, n = (np.asarray(v, np.float64) for v in (centre, axis, n))
+    centre, axis, n = np.asarray(centre, np.float64), unit(axis), unit(n)
     x = unit(np.cross(axis, [0.3, 0.5, 0.8]))
     y = np.cross(axis, x)
     reach, middle = radius * np.hypot(n @ x, n @ y), np.arctan2(n @ y, n @ x)
@@ -57,16 +57,16 @@ def irradiance(centre, axis, radius, n):
 
 
 def solid_angle(lateral, h):
-    """Of a disk of radius 1 at a height ``h``: the integral of the angle of chords."""
-    phi, weight = np.polynomial.legendre.leggauss(20_000)
-    phi = (phi + 1) * np.pi / 2
+    """Of a disk of radius 1 at a height ``h``: the integral over chords; the rule converges exponentially."""
+    count = 400_000
+    phi = (np.arange(count) + 0.5) * np.pi / count
     y, x = np.cos(phi), np.sin(phi)
     rho2 = y * y + h * h
 
     def part(x):
         return h * x / (rho2 * np.sqrt(x * x + rho2))
 
-    return ((part(x + lateral) + part(x - lateral)) * x) @ weight * np.pi / 2
+    return (part(x + lateral) + part(x - lateral)) @ x * np.pi / count
 
 
 def above(lateral, h):
@@ -111,7 +111,7 @@ def test_parallel_receiver(lateral, h, E):
 
 @pytest.mark.parametrize("distance", [1e-3, 0.1, 1, 3, 15, 25, 100, 1e4])
 def test_irradiance_of_random_disks(distance):
-    """Absolute error, to the irradiance of a surface that faces the light; half of the far ones are cut by the horizon."""
+    """Error relative to a surface that faces the light; the horizon cuts half of the far ones."""
     rng = np.random.default_rng(1)
     for k in range(60):
         axis, n, way = random_units(3, k)
@@ -126,7 +126,7 @@ def test_irradiance_of_random_disks(distance):
             continue
         axis, n, way = (single(v) for v in (axis, n, way))
         E = disk.irradiance(point(way), vector(axis), mi.Float(1), point(NONE), vector(n))[0]
-        assert abs(E - irradiance(way, axis, 1, n)) < 3e-5 * irradiance(way, axis, 1, unit(way))
+        assert abs(E - irradiance(way, axis, 1, n)) < 1e-5 * irradiance(way, axis, 1, unit(way))
 
 
 @pytest.mark.parametrize("name", PLACES)
@@ -168,8 +168,9 @@ def test_solid_angle_is_the_mean_of_one_over_the_density(lateral, h):
     [
         *((0, h, 1 + 4e-6, 1e-6) for h in (1e-4, 0.1, 1, 100)),  # seen face on
         *((lateral, 20, 1.001, 2e-4) for lateral in (0, 10, 100)),  # small
-        *((lateral, 0.1, 1.4, 0.052) for lateral in (0.5, 0.9, 1, 1.1, 1.3, 2)),
-        *((lateral, 1e-4, 3, 0.08) for lateral in (0.5, 0.99, 1, 1.001, 1.01, 1.1)),  # from near the rim
+        *((lateral, 0.1, 1.45, 0.052) for lateral in (0.5, 0.9, 1, 1.1, 1.3, 2)),
+        *((lateral, 1e-2, 3, 0.08) for lateral in (0.5, 0.99, 1, 1.001, 1.01, 1.1)),
+        *((lateral, 1e-4, 8, 0.08) for lateral in (0.5, 0.99, 1, 1.001, 1.01, 1.1)),
     ],
 )
 def test_sampling_is_nearly_uniform(lateral, h, factor, spread):
@@ -189,7 +190,7 @@ def test_mean_needs_the_density_of_the_warp_and_of_the_slices(monkeypatch):
     u, weight = nodes(512)
     d = np.array(light("sample", NONE, NONE, u)[1], np.float64)
     uniform = weight @ np.maximum(single(n) @ d, 0) * solid_angle(np.hypot(lateral, 0.1 * lateral), h)
-    assert abs(uniform / irradiance(*geometry, single(n)) - 1) > 2e-3
+    assert abs(uniform / irradiance(*geometry, single(n)) - 1) > 1e-3
     monkeypatch.setattr(warp, "bilinear_pdf", lambda t, weights: 1)
     assert abs(moments(light, NONE, n)[0] / irradiance(*geometry, single(n)) - 1) > 0.01
 
@@ -205,7 +206,6 @@ def test_density_is_that_of_the_samples(name, preferred):
 
 def test_density_from_near_the_rim():
     """Within 1e-3 radii of the rim rounding of the point itself counts; for most points the densities still agree."""
-    light, _ = of(((0, 0, 1), (1e-3, 0, 1), 1.0))
     light = a_disk(disk, (1.0, 0, 1e-3), (0, 0, 1), 1.0)
     q, _, _, pdf = light("sample", NONE, NONE, random_numbers(20_000, 3))
     back = abs(np.array(light("pdf", NONE, NONE, q), np.float64) / np.array(pdf, np.float64) - 1)
@@ -261,11 +261,11 @@ def test_spread_is_bounded_as_the_light_is_touched(d):
     """A disk that stands on the floor, from the floor at a distance ``d``."""
     light, geometry = of(((d, 0.1, 1), (1, 0, 0), 1.0))
     E = irradiance(*geometry, np.array([0, 0, 1.0]))
-    for preference, bound in (((0, 0, 1), 0.42), (NONE, 0.72)):
+    for preference, bound in (((0, 0, 1), 0.55), (NONE, 0.72)):
         mean, spread, largest = moments(light, NONE, (0, 0, 1), preference, k=512)
         assert abs(mean / E - 1) < 1e-4
         assert spread < bound
-        assert largest < 4
+        assert largest < 8
 
 
 def test_edge_on_or_below_the_horizon():

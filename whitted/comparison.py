@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from whitted import files
-from whitted.effects import chosen
 from whitted.errors import UsageError
 from whitted.path_classes import Classes, compare_classes, describe, has_null
 from whitted.replicates import box_sensor, replicate, seeds, whole_grid
@@ -232,11 +231,10 @@ def _sides(scene, integrator, reference):
 
 
 def _planned(integrator, scene, sensor):
-    """Decide once for all replicates which effects the scene calls for."""
-    if getattr(integrator, "effects", None) != "auto":
+    """Decide once for all replicates what is left to the integrator to decide."""
+    if not hasattr(integrator, "fixed"):
         return integrator
-    plan = integrator.plan(World(scene, integrator.hide_emitters), sensor)
-    return chosen(integrator, plan.effects)
+    return integrator.fixed(integrator.plan(World(scene, integrator.hide_emitters), sensor))
 
 
 @contextlib.contextmanager

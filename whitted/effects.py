@@ -7,7 +7,7 @@ Decided from flags and properties of the scene's objects; where these can't deci
 import html
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -63,6 +63,9 @@ class Plan:
     scene: str
     findings: tuple
     operations: int | None = None  # of the kernel made from it, where that was measured
+    samples: dict = field(
+        default_factory=dict
+    )  # at the first hit, of "light" and "lobes", where a pilot shared them out
 
     @property
     def effects(self):
@@ -83,7 +86,8 @@ class Plan:
     def to_dict(self):
         """Return the JSON of ``whitted plan --json``."""
         found = [finding.to_dict() for finding in self.findings]
-        return {"scene": self.scene, "effects": found, "kernel": {"operations": self.operations}}
+        kernel = {"operations": self.operations}
+        return {"scene": self.scene, "effects": found, "kernel": kernel, "samples": self.samples}
 
     def __str__(self):
         rows = [("effect", "called for", "numbers", "operations", "time", "evidence")]
@@ -109,7 +113,7 @@ class Plan:
             for row in rows
         ]
         head = f"{self.scene}: a kernel of {self.operations} operations" if self.operations else self.scene
-        return "\n".join([head, *lines])
+        return "\n".join([head, *lines, *([f"samples at the first hit: {shared}"] if shared else [])])
 
     def _repr_html_(self):
         return f"<pre>{html.escape(str(self))}</pre>"

@@ -156,6 +156,13 @@ def _twosided_lobes(bsdf, si, active):
     return lobes
 
 
+def is_lambertian(bsdf):
+    """Whether ``bsdf`` is known to be diffuse and nothing else: `diffuse_reflectance` over pi, whatever the angles."""
+    if bsdf.class_name() == "TwoSidedBRDF":
+        return all(map(is_lambertian, _sides(bsdf)))
+    return bsdf.class_name() == "SmoothDiffuse"
+
+
 def scatter(bsdf, si, u, v, active):
     """Sample the smooth lobes of one BSDF instance.
 

@@ -10,10 +10,13 @@ import mitsuba as mi
 import numpy as np
 
 from whitted.film import cropped, eye_rays, luminance
-from whitted.sampling.groups import Segments
+from whitted.sampling.draws import Draws
+from whitted.sampling.groups import Segments, opaque_seed
 from whitted.sampling.sequences import hash4
 
 SAMPLES = 1 << 17
+EYE_COST = 2.0  # of all that precedes the lights of the first hit, in shadow rays
+MOST_SHARE = 16  # samples of a kind at the first hit
 BOUNCES = 6
 ERRORS, UNSEEN = 1.645, 3.0  # 95 %: standard errors, and how many rare events of a kind may not have come up
 EVIDENT = {
@@ -54,6 +57,33 @@ class Pilot:
             bound = self._difference(effect, frozenset(called))
         return not bound["relative"] <= negligible, evidence, bound
 
+    def share(self, called):
+        """Return how many samples of each kind of `SAMPLED` to take at the first hit, by the noise that each causes.
+
+        With the variances V and the costs C of a kind and of the rest of a sample, the noise of a given time is least with
+        sqrt(V_kind / V_rest * C_rest / C_kind) of them [ArvoKirk1990]. The variances are those of independent numbers:
+        one more run of the same samples has the numbers of one kind drawn anew, one has all.
+        """
+        effects = frozenset(called)
+        with dr.suspend_grad(), cropped(self.sensor):
+            first = self._redrawn(effects, set())
+            rays = {kind: float(dr.sum(count)[0]) / SAMPLES for kind, count in self.world.rays.items()}
+            noise = {kind: _variance(first, self._redrawn(effects, {kind})) for kind in ("light", "lobes")}
+            rest = _variance(first, self._redrawn(effects, {"light", "lobes", "eye"})) - sum(noise.values())
+        groups = len(self.world.lights("soft_shadows" not in effects).groups)
+        below = max(sum(rays.values()) - rays["eye"] - groups, 0.5)
+        cost = {"eye": EYE_COST, "light": float(groups), "lobes": below}
+        return {kind: _share(noise[kind], max(rest, 0), cost["eye"], cost[kind]) for kind in noise}
+
+    def _redrawn(self, plan, kinds):
+        """The luminance of the pilot's samples with other numbers for some kinds: a float64 array."""
+        ray, weight, draws, _, active = self._eye_rays(plan, seed=int("eye" in kinds))
+        draws = _Redrawn(draws, *(opaque_seed(int(kind in kinds)) for kind in ("light", "lobes")))
+        self.world.forget_rays()
+        found = self.integrator.estimate(self.world, ray, draws, plan, active)
+        dr.eval(found["radiance"], self.world.rays)
+        return luminance(found["radiance"] * weight, ray.wavelengths).numpy().astype(np.float64)
+
     def _difference(self, effect, called):
         """The upper bound of the mean change in radiance if an effect is left out, absolute and relative."""
         on, off = (self._radiance(plan) for plan in (called, called - {effect}))
@@ -71,8 +101,8 @@ class Pilot:
         found = self.integrator.estimate(self.world, ray, draws, plan, active)
         return luminance(found["radiance"] * weight, ray.wavelengths).numpy().astype(np.float64)
 
-    def _eye_rays(self, plan):
-        return eye_rays(self.sensor, self.size, _Scattered(*self.size), Segments(0), plan)
+    def _eye_rays(self, plan, seed=0):
+        return eye_rays(self.sensor, self.size, _Scattered(*self.size), Segments(seed), plan)
 
     # ---- Each of these returns a size and what to say of it
 
@@ -154,6 +184,34 @@ def _angle(p, lower, upper):
     """The largest angle in radians in which a box is seen from points [N, 3]."""
     distance = np.linalg.norm(np.maximum(np.maximum(lower - p, p - upper), 0), axis=1).min(initial=np.inf)
     return float(2 * np.arctan2(np.linalg.norm(upper - lower) / 2, distance))
+
+
+class _Redrawn(Draws):
+    """The numbers of a sample with seeds of their own for the lights of the first hit, and for all that follows it."""
+
+    def __init__(self, draws, light, lobes):
+        super().__init__(draws.pixel, draws.index, draws.seed, draws.block, draws.joint, draws.bits)
+        self.eye, self.light, self.lobes = draws.seed, light, lobes
+
+    def __call__(self, effect, node=0, split=0, part=None):
+        """Return the numbers, see `Draws`."""
+        here = self.light if effect == "light" else self.lobes
+        self.seed = self.eye + dr.select(mi.UInt32(node) == 0, here, self.lobes)
+        return super().__call__(effect, node, split, part)
+
+
+def _variance(a, b):
+    """The variance, mean over the picture, of what differs between two runs."""
+    change = np.square(a - b)
+    return float(change[np.isfinite(change)].mean() / 2)
+
+
+def _share(noise, rest, cost_rest, cost):
+    """The number of samples of one kind, a power of two."""
+    if noise <= 0:
+        return 1
+    best = np.sqrt(noise / rest * cost_rest / cost) if rest > 0 else np.inf
+    return int(2 ** np.clip(np.round(np.log2(np.clip(best, 1, MOST_SHARE))), 0, None))
 
 
 class _Scattered:

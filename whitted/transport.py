@@ -30,7 +30,9 @@ def light_sample(world, si, draws, node, emitter, active, shadows=True, context=
     lit = (
         active & (ds.pdf != 0) & ~dr.all(value == 0)
     )  # NaN, for which no comparison holds, is lit and counted
-    visible = world.transmittance(si, ds.p, lit) if shadows else mi.Spectrum(1)
+    visible = (
+        world.transmittance(si, ds.p, world.light_shape(emitter, active), lit) if shadows else mi.Spectrum(1)
+    )
     return ds, dr.select(lit, value, 0), visible
 
 

@@ -5,11 +5,15 @@ import operator
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from whitted import lobes
 from whitted.errors import UsageError
 from whitted.lights.collection import Lights
+from whitted.lights.primitives import mean_radiance, registry_number
 
+NEAR = 1e-3  # of the way to a light: rays that end so early don't meet its own surface
+ROUNDING = 2e-6  # likewise of the way to a point in space
 KINDS = ("eye", "shadow", "reflection", "transmission", "interreflection")
 
 
@@ -49,6 +53,11 @@ class World:
         self.mixes_lobes = any(
             lobes.count(bsdf) and int(bsdf.flags()) & mi.BSDFFlags.Smooth for bsdf in bsdfs
         )
+        self.is_lambertian = all(map(lobes.is_lambertian, bsdfs))
+        self._glow = _glow(scene, self.emitters)
+        shapes = {shape.emitter().ptr: shape for shape in scene.shapes() if shape.emitter() is not None}
+        self._light_shapes = [registry_number(shapes[e.ptr]) if e.ptr in shapes else 0 for e in self.emitters]
+        self.is_crowded = _is_crowded(scene)
         self._lights = {}
         self.forget_rays()
 
@@ -66,13 +75,13 @@ class World:
         """Add the active lanes to the count of a kind of ray."""
         self.rays[kind] = self.rays[kind] + dr.select(active, mi.UInt32(1), mi.UInt32(0))
 
-    def intersect(self, ray, is_eye, active, coherent=False):
+    def intersect(self, ray, is_eye, active):
         """Return the nearest ``SurfaceInteraction3f`` along ``ray``; the caller has counted it.
 
-        ``is_eye`` (``Bool``): from these rays emitters are hidden where the world is told so. ``coherent`` (``bool``):
-        neighbouring lanes have similar rays.
+        ``is_eye`` (``Bool``): from these rays emitters are hidden where the world is told so, and neighbouring lanes
+        have similar ones.
         """
-        si = self.scene.ray_intersect(ray, mi.RayFlags.All, coherent, active)
+        si = self.scene.ray_intersect(ray, mi.RayFlags.All, is_eye, active)
         if self.hide_emitters and self.has_area_emitters:
             si = self._behind_emitters(si, ray, active & is_eye)
         return si
@@ -91,28 +100,59 @@ class World:
         behind, _ = dr.while_loop((si, start), lambda si, active: active, step, label="behind emitters")
         return dr.select(start, behind, si)
 
-    def transmittance(self, si, target, active):
-        """Return the ``Spectrum`` in [0, 1] that travels straight from ``si`` to the point ``target``.
+    def transmittance(self, si, target, shape, active, inside=False):
+        """Return the ``Spectrum`` in [0, 1] that travels straight from ``si`` to the point ``target`` of a light.
 
         Null, mask and thin surfaces attenuate; all others block. The rays are counted as shadow rays, one for
-        each call.
+        each call. Where nothing comes near a light's surface they end a little before it (a thousandth of the way, as
+        Mitsuba's always do); else they go all the way, and the light's own surface doesn't block.
+
+        Args:
+            shape: ``UInt32`` [N], the number of the shape that the target lies on, see `light_shape`; 0 if on none.
+            inside: the target lies inside of the shape, which doesn't block.
         """
         self.count("shadow", active)
-        ray = si.spawn_ray_to(target)
+        exact = self.is_crowded or inside
         if not self.is_transparent:
-            return dr.select(self.scene.ray_test(ray, active), mi.Spectrum(0), mi.Spectrum(1))
+            blocked = self._blocked(si, target, shape, active, exact, inside)
+            return dr.select(blocked, mi.Spectrum(0), mi.Spectrum(1))
 
-        def step(ray, passed, active):
+        def step(at, passed, active):
+            ray, reach = self._shadow_ray(at, target, shape, exact, inside)
             hit = self.scene.ray_intersect(ray, mi.RayFlags.All, False, active)
-            met = active & hit.is_valid()
+            met = active & hit.is_valid() & ~(exact & _arrived(hit, reach, shape))
             through = dr.dispatch(hit.bsdf(), lobes.null_transmission, hit, met)
             passed = dr.select(met, passed * through, passed)
-            return hit.spawn_ray_to(target), passed, met & ~dr.all(passed == 0)
+            return hit, passed, met & ~dr.all(passed == 0)
 
         _, passed, _ = dr.while_loop(
-            (ray, mi.Spectrum(1), mi.Bool(active)), lambda *state: state[2], step, label="transmittance"
+            (si, mi.Spectrum(1), mi.Bool(active)), lambda *state: state[2], step, label="transmittance"
         )
         return dr.select(active, passed, 0)
+
+    def _blocked(self, si, target, shape, active, exact, inside):
+        """Whether something lies between ``si`` and ``target``."""
+        ray, reach = self._shadow_ray(si, target, shape, exact, inside)
+        if not exact:
+            return self.scene.ray_test(ray, active)
+        hit = self.scene.ray_intersect_preliminary(ray, active=active)
+        return hit.is_valid() & ~_arrived(hit, reach, shape)
+
+    def _shadow_ray(self, si, target, shape, exact, inside):
+        """The ray to ``target``, and the distance from which on it is there if it meets the light's own surface."""
+        ray = si.spawn_ray_to(target)
+        distance, on_surface = dr.norm(target - ray.o), shape != 0
+        ray.maxt = distance * (1 - ROUNDING)
+        reach = mi.Float(0) if inside else distance * (1 - NEAR)
+        if not exact:
+            ray.maxt = dr.select(on_surface, reach, ray.maxt)
+        return ray, reach
+
+    def light_shape(self, emitter, active):
+        """Return the number (``UInt32``) of the shape of an emitter, ``int`` or ``UInt32`` [N]; 0 if it has none."""
+        if isinstance(emitter, int):
+            return dr.opaque(mi.UInt32, self._light_shapes[emitter])
+        return dr.gather(mi.UInt32, mi.UInt32(self._light_shapes), emitter, active)
 
     def spawn(self, si, direction):
         """Return a ``Ray3f`` that leaves the surface at ``si`` in a world-space ``direction``."""
@@ -123,10 +163,18 @@ class World:
         if not self.has_visible_emitters:
             return mi.Spectrum(0)
         environment = self.scene.environment()
-        if environment is not None and not self.has_area_emitters:  # then only rays that escape see one
+        if self.has_area_emitters and self._glow is None:
+            return si.emitter(self.scene, active).eval(si, active)
+        L = mi.Spectrum(0)
+        if environment is not None:  # only rays that escape see it
             escaped = active & ~si.is_valid()
-            return dr.select(escaped, environment.eval(si, escaped), 0)
-        return si.emitter(self.scene, active).eval(si, active)
+            L = dr.select(escaped, environment.eval(si, escaped), 0)
+        if self.has_area_emitters:
+            glow, size = self._glow
+            shape = dr.reinterpret_array(mi.UInt32, si.shape)
+            shines = active & si.is_valid() & (si.wi.z > 0) & (shape < size)
+            L = dr.select(shines, dr.gather(mi.Spectrum, glow, shape, shines), L)
+        return L
 
     def sample_light(self, emitter, si, u, active):
         """Sample a direction from ``si`` to one emitter, without regard to what lies between.
@@ -159,8 +207,18 @@ class World:
 
         return dr.dispatch(si.bsdf(), split, si, active) if slots else []
 
-    def scatter(self, si, u, v, active):
-        """Sample the smooth lobes at ``si``; the arguments and the result are those of `lobes.scatter`."""
+    def scatter(self, si, u, v, albedo, active):
+        """Sample the smooth lobes at ``si``; the arguments and the result are those of `lobes.scatter`.
+
+        ``albedo`` (``Spectrum``) is the diffuse reflectance, where ``is_lambertian``.
+        """
+        if self.is_lambertian:
+            sample = dr.zeros(mi.BSDFSample3f)
+            sample.wo = mi.warp.square_to_cosine_hemisphere(v)
+            sample.pdf = mi.warp.square_to_cosine_hemisphere_pdf(sample.wo)
+            sample.wo.z = dr.mulsign(sample.wo.z, si.wi.z)
+            sample.eta, sample.sampled_type = mi.Float(1), mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
+            return sample, dr.select(active, albedo, 0)
         if not self.mixes_lobes:
             return si.bsdf().sample(mi.BSDFContext(), si, u, v, active)
         return dr.dispatch(si.bsdf(), lobes.scatter, si, u, v, active)
@@ -179,6 +237,43 @@ class World:
     def diffuse_reflectance(self, si, active):
         """Return the reflectance (``Spectrum``) of the diffuse lobes at ``si``."""
         return dr.dispatch(si.bsdf(), lobes.diffuse_reflectance, si, active)
+
+
+def _glow(scene, emitters):
+    """The radiance of all shapes by their registry numbers, and how many there are; None if it varies over one."""
+    area = [e for e in emitters if _is_surface(e)]
+    other = mi.EmitterFlags.SpatiallyVarying | mi.EmitterFlags.DeltaDirection
+    shapes = {shape.emitter().ptr: shape for shape in scene.shapes() if shape.emitter() is not None}
+    if mi.is_spectral or not area or any(int(e.flags()) & other or e.ptr not in shapes for e in area):
+        return None
+    numbers = {registry_number(shapes[e.ptr]): e for e in area}
+    table = np.zeros((max(numbers) + 1, dr.size_v(mi.Spectrum)), np.float32)
+    for number, emitter in numbers.items():
+        try:
+            table[number] = mean_radiance(emitter, shapes[emitter.ptr])
+        except RuntimeError:  # positions can't be sampled on the shape
+            return None
+    return mi.Float(table.ravel().tolist()), dr.opaque(mi.UInt32, len(table))
+
+
+def _arrived(hit, reach, shape):
+    """Whether what a shadow ray has met is the light that it was sent to."""
+    return (hit.t >= reach) & (dr.reinterpret_array(mi.UInt32, hit.shape) == shape)
+
+
+def _is_crowded(scene):
+    """Whether anything comes so near to the surface of a light that a shadow ray that ends early could miss it."""
+    bounds = [(np.array(s.bbox().min), np.array(s.bbox().max), s.emitter()) for s in scene.shapes()]
+    margin = NEAR * float(dr.norm(scene.bbox().extents())) if bounds else 0.0
+    lower, upper = (np.array([box[side] for box in bounds]).reshape(-1, 3) for side in (0, 1))
+    for number, (low, high, emitter) in enumerate(bounds):
+        if emitter is None:
+            continue
+        near = (lower <= high + margin).all(1) & (upper >= low - margin).all(1)
+        near[number] = False
+        if near.any():
+            return True
+    return False
 
 
 def bsdfs_of(scene):

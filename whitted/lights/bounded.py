@@ -19,6 +19,7 @@ from whitted.lights.sample import LightSample
 from whitted.lights.tree import LightTree
 
 NOT_SAMPLED = 0xFFFFFFFF
+MARGIN = 1e-5  # relative, of what counts as a light's own surface
 MOST_CLOSED = 4  # primitives up to which all are summed up in closed form at a vertex
 CLOSED = {RECTANGLE, TRIANGLE, SPHERE}
 SHAPES = {RECTANGLE: rectangle, TRIANGLE: triangle, DISK: disk, SPHERE: sphere}
@@ -63,8 +64,11 @@ class BoundedLights:
         self.kind, self.emitter = mi.UInt32(parts.kind.tolist()), mi.UInt32(parts.emitter.tolist())
         self.geometry = [mi.Float(column.tolist()) for column in parts.geometry.T]
         self.colour = [mi.Float(column.tolist()) for column in parts.radiance.T]
-        first = np.full(max(parts.first, default=0) + 1, NOT_SAMPLED, np.uint32)
-        first[list(parts.first)] = list(parts.first.values())
+        self.shape = mi.UInt32(parts.shape.tolist())
+        first = np.full(int(parts.shape.max()) + 1, NOT_SAMPLED, np.uint32)
+        for leaf in reversed(range(self.count)):
+            first[parts.shape[leaf]] = leaf
+        first[0] = NOT_SAMPLED
         self.first, self.shapes = mi.UInt32(first.tolist()), dr.opaque(mi.UInt32, len(first))
         cone = parts.axis, parts.cos_spread, np.zeros(self.count)
         self.tree = LightTree(parts.lower, parts.upper, parts.power, *cone)
@@ -84,7 +88,7 @@ class BoundedLights:
         leaf, probability, _, valid = self.tree.sample(si.p, n, choice, active)
         valid &= active
         geometry, kind = self._geometry(leaf, valid), self._gather(self.kind, leaf, valid)
-        found = LightSample(mi.Vector3f(0, 0, 1), mi.Point3f(0), mi.Spectrum(0), mi.Float(0))
+        found = mi.Vector3f(0, 0, 1), mi.Point3f(0), mi.Spectrum(0), mi.Float(0)
         for one in self.kinds:
             here = valid & (kind == one)
             if one == MITSUBA:
@@ -94,12 +98,13 @@ class BoundedLights:
             else:
                 q, d, _, pdf = SHAPES[one].sample(*_arguments(one, geometry), si.p, n, u)
                 lit = here & (pdf > 0) & _faces(one, geometry, si.p)
-                new = LightSample(d, q, dr.select(lit, self._radiance(leaf, si, lit) / pdf, 0), pdf)
+                new = d, q, dr.select(lit, self._radiance(leaf, si, lit) / pdf, 0), pdf
             if len(self.kinds) > 1:
-                new = LightSample(*(dr.select(here, a, b) for a, b in zip(new, found, strict=True)))
+                new = tuple(dr.select(here, a, b) for a, b in zip(new, found, strict=True))
             found = new
-        weight = dr.select(valid, found.weight * dr.rcp(probability), 0)
-        return LightSample(found.d, found.target, weight, found.pdf * probability)
+        d, target, weight, pdf = found
+        weight = dr.select(valid, weight * dr.rcp(probability), 0)
+        return LightSample(d, target, weight, pdf * probability, self._gather(self.shape, leaf, valid))
 
     def pdf(self, si, p, n, active):
         """Return the density (``Float``) with which ``sample`` at ``p``, ``n`` finds the point ``si`` of a light."""
@@ -155,12 +160,12 @@ class BoundedLights:
         d = dr.normalize(q - si.p)
         cosine = dr.select(dr.all(normal == 0), 1, dr.maximum(-dr.dot(d, normal), 0))
         intensity = self._radiance(leaf, si, active) * geometry[6] * cosine
-        return LightSample(d, q, intensity * dr.rcp(dr.squared_norm(q - si.p)), mi.Float(0))
+        return d, q, intensity * dr.rcp(dr.squared_norm(q - si.p)), mi.Float(0)
 
     def _by_mitsuba(self, leaf, si, u, active):
         ds, weight = self._light(leaf, active).sample_direction(si, u, active)
         pdf = dr.select(ds.delta, 0, ds.pdf)
-        return LightSample(ds.d, ds.p, dr.select(active & (ds.pdf > 0), weight, 0), pdf)
+        return ds.d, ds.p, dr.select(active & (ds.pdf > 0), weight, 0), pdf
 
     def _pdf_by_mitsuba(self, leaf, si, p, active):
         receiver = dr.zeros(mi.Interaction3f)
@@ -182,14 +187,17 @@ def _arguments(kind, geometry):
 
 
 def _faces(kind, geometry, p):
-    """Whether a light emits towards ``p``."""
+    """Whether a light emits towards ``p``; points of its own surface, up to rounding, don't count."""
     if kind == SPHERE:
         centre, radius = _arguments(kind, geometry)
-        return (dr.squared_norm(p - centre) - dr.square(radius)) * geometry[4] > 0
+        margin = MARGIN * (radius + dr.norm(p)) * radius
+        outside = dr.squared_norm(p - centre) - dr.square(radius)
+        return dr.select(geometry[4] > 0, outside > margin, outside < -margin)
     first, second, third = _arguments(kind, geometry)
     normal = {
         RECTANGLE: lambda: dr.cross(second, third),
         TRIANGLE: lambda: dr.cross(second - first, third - first),
         DISK: lambda: second,
     }[kind]()
-    return dr.dot(normal, p - first) > 0
+    v = p - first
+    return dr.dot(normal, v) > 0.1 * MARGIN * dr.norm(normal) * (dr.norm(v) + dr.norm(p))

@@ -12,6 +12,7 @@ class Lights:
 
     Attributes:
         groups: a list of `BoundedLights` and of `InfiniteLight`.
+        is_closed: the unoccluded irradiance of all bounded lights is known.
         is_hittable: a ray can meet some light.
         is_plain: at a diffuse surface none that a ray can meet needs a second technique.
         only_met: there are lights that can't be sampled, so that only rays that meet them find their light.
@@ -27,6 +28,7 @@ class Lights:
         self.infinite = infinite_lights(scene, as_points)
         self.bounded = bounded if bounded.count else None
         self.only_met = bounded.only_met
+        self.is_closed = bounded.is_closed
         self.groups = [*([bounded] if bounded.count else []), *self.infinite]
         hittable = [group for group in (bounded, *self.infinite) if group.is_hittable]
         self.is_hittable = bool(hittable)

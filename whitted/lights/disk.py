@@ -2,7 +2,7 @@ r"""Disks as seen from a point: sampling by solid angle, its density, and irradi
 
 From a point a disk fills an elliptic cone, on the unit sphere a spherical ellipse [Guillen2017]. In units of the
 radius, with the receiver at height ``h`` over the disk's plane and ``l`` from its axis, the cone's quadratic form has
-the eigenvalues ``1 / h^2`` and
+the eigenvalues ``h^2`` and
 
     major, -minor = (t +- S) / 2,    t = h^2 + l^2 - 1,    S^2 = ((l - 1)^2 + h^2) ((l + 1)^2 + h^2)
 
@@ -12,9 +12,10 @@ distance.
 
 The ellipse is cut into slices by the planes through its longer axis, at angles ``phi`` about it up to ``+-alpha``. A
 cap of the angular radius ``beta`` of the longer axis is sampled uniformly, and ``phi`` scaled by ``alpha / beta``. That
-is uniform for disks that are small, seen face on or touched (then the slices are half circles); in between the density
-varies by a factor of up to 1.4, by up to 3 near the rim for a receiver within a hundredth of the radius of it, and is
-known exactly. Left out: a map that is uniform throughout, which needs elliptic integrals.
+is uniform for disks that are small, seen face on or touched (then the slices are half circles). In between one over the
+density, which is known exactly, has a relative spread of at most 8 %, and its extremes differ by up to 1.4; only for
+receivers nearer to the rim than a tenth of the radius they differ more, at 1e-4 of it by a factor of 7. Left out: a map
+that is uniform throughout, which needs elliptic integrals.
 """
 
 import drjit as dr
@@ -85,10 +86,8 @@ class _View:
         height, vs, vt = dr.dot(v, axis), dr.dot(v, s), dr.dot(v, t)
         lateral, self.h = dr.sqrt(vs * vs + vt * vt), dr.abs(height)
         cos, sin = dr.select(lateral > 0, vs / lateral, 1), dr.select(lateral > 0, vt / lateral, 0)
-        self.s, self.t = (
-            s * cos + t * sin,
-            t * cos - s * sin,
-        )  # in the disk, away from the receiver and across
+        # axes in the disk: away from the receiver, and across
+        self.s, self.t = s * cos + t * sin, t * cos - s * sin
 
         h2 = self.h * self.h
         self.S = dr.sqrt((dr.square(lateral - 1) + h2) * (dr.square(lateral + 1) + h2))
@@ -173,7 +172,7 @@ class _View:
         return mi.warp.uniform_disk_to_square_concentric(disk), density
 
     def segment(self, nx, ny, nz, k):
-        """The irradiance from the part above the horizon ``nx X + ny Y + nz = 0`` of the tangent plane."""
+        """The irradiance from the part above the horizon, ``nx X + ny Y + nz = 0`` in the tangent plane."""
         ex, ey, c = self.a * nx / k, self.b * ny / k, dr.clip(nz / k, -1, 1)
         q = dr.sqrt((1 - c) * (1 + c))
         v0, v1 = q * ey - c * ex, -q * ey - c * ex
@@ -185,9 +184,8 @@ class _View:
         arc_y = dr.atanh(kb * 2 * q * ey / (1 - kb * kb * v0 * v1)) / (kb * secant_b)
         turn = dr.atan2(-2 * c * q * dr.sqrt(secant_a * secant_b), secant_a * v0 * v1 + secant_b * w0 * w1)
         turn = dr.select(turn < 0, turn + dr.two_pi, turn)
-        chord = dr.atan2(
-            2 * q * self.a * self.b / k, 1 + self.a * self.a * v0 * v1 + self.b * self.b * w0 * w1
-        )
+        dot = 1 + self.a * self.a * v0 * v1 + self.b * self.b * w0 * w1
+        chord = dr.atan2(2 * q * self.a * self.b / k, dot)
         return 0.5 * (chord - self.b * nx * arc_x - self.a * ny * arc_y + self.A * self.B * nz * turn)
 
     def small_segment(self, nx, ny, nz, k):

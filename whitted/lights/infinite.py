@@ -23,7 +23,7 @@ def infinite_lights(scene, as_points=False):
 class InfiniteLight:
     """An environment or a directional emitter; its interface is that of `BoundedLights`."""
 
-    is_closed = False
+    is_closed = as_points = False
     is_plain = False
 
     def __init__(self, scene, emitter, bounds):
@@ -36,7 +36,7 @@ class InfiniteLight:
         """Sample a direction; see `BoundedLights.sample`."""
         ds, weight = self.emitter.sample_direction(si, u, active)
         weight = dr.select(active & ~(ds.pdf <= 0), weight, 0)
-        return LightSample(ds.d, ds.p, weight, dr.select(ds.delta, 0, ds.pdf))
+        return LightSample(ds.d, ds.p, weight, dr.select(ds.delta, 0, ds.pdf), mi.UInt32(0))
 
     def pdf(self, si, p, n, active):
         """Return the density with which ``sample`` finds the direction in which ``si`` has met nothing."""
@@ -64,7 +64,7 @@ class UniformSky(InfiniteLight):
         away.wi, away.wavelengths = -d, si.wavelengths
         weight = dr.select(pdf > 0, self.emitter.eval(away, active) * dr.rcp(pdf), 0)
         reach = 2 * self.radius + dr.norm(si.p - self.centre)
-        return LightSample(d, dr.fma(d, reach, si.p), dr.select(active, weight, 0), pdf)
+        return LightSample(d, dr.fma(d, reach, si.p), dr.select(active, weight, 0), pdf, mi.UInt32(0))
 
     def pdf(self, si, p, n, active):
         """Return the density with which ``sample`` finds the direction in which ``si`` has met nothing."""

@@ -37,7 +37,7 @@ class Primitives:
     power: np.ndarray
     axis: np.ndarray
     cos_spread: np.ndarray
-    first: dict  # from the registry number of a shape to its first primitive
+    shape: np.ndarray  # the registry number of the shape that each is part of, 0 if of none
     only_met: (
         bool  # there are emitters besides that can't be sampled: only rays that meet them find their light
     )
@@ -63,7 +63,7 @@ def primitives_of(scene, as_points=False):
     With ``as_points`` an emitter that rays could meet becomes a point at its centre, of the same power: with the
     intensity of a Lambertian surface if it is flat, else the same in all directions.
     """
-    rows, first, met = [], {}, False
+    rows, met = [], False
     shapes = {shape.emitter().ptr: shape for shape in scene.shapes() if shape.emitter() is not None}
     for number, emitter in enumerate(scene.emitters()):
         flags, shape = int(emitter.flags()), shapes.get(emitter.ptr)
@@ -72,19 +72,18 @@ def primitives_of(scene, as_points=False):
         if shape is None and flags & mi.EmitterFlags.Surface or shape is not None and not _has_area(shape):
             met = True
             continue
-        if shape is not None:
-            first[_registry_number(shape)] = len(rows)
+        on = registry_number(shape) if shape is not None else 0
         if shape is None or is_delta(emitter):
-            rows.append((number, np.ones(1), _whole(emitter, shape), _power(emitter)))
+            rows.append((number, on, np.ones(1), _whole(emitter, shape), _power(emitter)))
             continue
         is_uniform = not flags & mi.EmitterFlags.SpatiallyVarying
-        radiance = _radiance(emitter, shape, is_uniform)
+        radiance = mean_radiance(emitter, shape)
         parts = _taken_apart(shape) if is_uniform or as_points else None
         if as_points:
             parts = [_point(shape, parts)]
         for part in parts or [_whole(emitter, shape)]:
-            rows.append((number, radiance, part, np.pi * part.area * radiance.mean()))
-    return _table(rows, first, met and not as_points)
+            rows.append((number, on, radiance, part, np.pi * part.area * radiance.mean()))
+    return _table(rows, met and not as_points)
 
 
 def _has_area(shape):
@@ -100,31 +99,33 @@ def is_delta(emitter):
     return bool(int(emitter.flags()) & (mi.EmitterFlags.DeltaPosition | mi.EmitterFlags.DeltaDirection))
 
 
-def _registry_number(shape):
+def registry_number(shape):
+    """Return the number (``int``) under which Dr.Jit knows a shape: the value of a pointer to it."""
     return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
 
 
-def _table(rows, first, only_met):
-    parts = [part for _, _, part, _ in rows]
+def _table(rows, only_met):
+    parts = [part for *_, part, _ in rows]
     normals = np.array([part.normal for part in parts], np.float64).reshape(-1, 3)
     colours = 1 if mi.is_monochromatic or mi.is_spectral else 3
     return Primitives(
         kind=np.array([part.kind for part in parts], np.uint32),
         emitter=np.array([number for number, *_ in rows], np.uint32),
-        radiance=np.array([np.broadcast_to(radiance[:colours], colours) for _, radiance, *_ in rows]),
+        radiance=np.array([np.broadcast_to(radiance[:colours], colours) for _, _, radiance, *_ in rows]),
         geometry=np.array([part.geometry for part in parts], np.float64).reshape(-1, 9),
         lower=np.array([part.lower for part in parts], np.float64).reshape(-1, 3),
         upper=np.array([part.upper for part in parts], np.float64).reshape(-1, 3),
         power=np.array([power for *_, power in rows], np.float64),
         axis=np.where(normals.any(1, keepdims=True), normals, (0, 0, 1)),
         cos_spread=np.where(normals.any(1), 1.0, -1.0),
-        first=first,
+        shape=np.array([on for _, on, *_ in rows], np.uint32),
         only_met=only_met,
     )
 
 
-def _radiance(emitter, shape, is_uniform):
-    """The mean radiance of an area light, one value for each colour."""
+def mean_radiance(emitter, shape):
+    """Return the mean radiance of an area light on a shape, one value for each colour (``float64``)."""
+    is_uniform = not int(emitter.flags()) & mi.EmitterFlags.SpatiallyVarying
     places = shape.sample_position(0.0, _points(1 if is_uniform else PROBES))
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(places.p))
     si.p, si.n, si.uv, si.wi = places.p, places.n, places.uv, mi.Vector3f(0, 0, 1)
@@ -240,7 +241,9 @@ def _sphere(shape):
     box = shape.bbox()
     lower, upper = np.array(box.min, np.float64), np.array(box.max, np.float64)
     centre, radius = (lower + upper) / 2, (upper - lower).max() / 2
-    (point,), (normal,) = _at(shape, (0.3, 0.4))
-    side = 1.0 if (point - centre) @ normal > 0 else -1.0
+    beside = dr.zeros(mi.Interaction3f)
+    beside.p = mi.Point3f(centre + np.array([0, 0, 3 * radius]))
+    ds = shape.sample_direction(beside, mi.Point2f(0.5))  # tells the side right of mirrored spheres too
+    side = 1.0 if (np.array(ds.p)[:, 0] - centre) @ np.array(ds.n)[:, 0] > 0 else -1.0
     geometry = np.concatenate([centre, [radius, side, 0], np.zeros(3)])
     return [_Part(SPHERE, geometry, lower, upper, 4 * np.pi * radius**2)]

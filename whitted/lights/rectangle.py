@@ -16,7 +16,7 @@ import mitsuba as mi
 
 from whitted.lights import guards, polygon, warp
 
-FAR = 1e3  # in sizes; from there on solid angle is uniform over the area to 0.2 %, and the area is sampled
+FAR = 1e3  # in units of ``size``; farther off solid angle is uniform over the area to 0.4 %, and that is sampled
 EXPONENT = 0x7F800000  # the bits of a float's exponent
 
 
@@ -124,10 +124,8 @@ class _View:
         """Return the coordinates of the point that divides the solid angle by the numbers ``t``."""
         z, k = self.z, self.z * self.z + self.y0 * self.y1
         s, c = dr.sincos((1 - t.x) * self.half)
-        s, c = (
-            s * self.D1 + c * self.N,
-            c * self.D1 - s * self.N,
-        )  # in proportion to sine and cosine of tau(x)
+        # in proportion to sine and cosine of tau(x)
+        s, c = s * self.D1 + c * self.N, c * self.D1 - s * self.N
         x = 0.5 * z * (self.N * (c * c - s * s) - 2 * k * s * c)
         x /= dr.sqrt(s * (self.N * c - k * s)) * dr.sqrt((z * c + self.y1 * s) * (z * c - self.y0 * s))
         x = dr.clip(x, self.x0, self.x1)

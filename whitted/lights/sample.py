@@ -10,3 +10,4 @@ class LightSample(NamedTuple):
     target: object  # Point3f, where the shadow ray ends
     weight: object  # Spectrum, radiance over density; 0 where no light comes from
     pdf: object  # Float, per solid angle, the choice of the light included; 0 of delta lights
+    shape: object  # UInt32, the registry number of the shape that the target lies on, 0 if on none

@@ -40,22 +40,23 @@ def sample(centre, radius, p, n, u):
     lift = rise / (height + dr.sqrt(height * height + rise))
     cosine = height + lift
     spread = dr.select(view.exact, view.sin, dr.sqrt(view.cap * (2 - view.cap * r2)))
-    across = view.x * (spread * disk.x + dr.select(view.exact, lift * view.nx, 0)) + view.y * (
-        spread * disk.y
-    )
-    z = dr.select(view.exact, view.cos + lift * view.nz, 1 - view.cap * r2)
+    along = spread * disk.x + dr.select(view.exact, lift * view.nx, 0)
+    across = view.x * along + view.y * (spread * disk.y)
+    above = dr.select(view.exact, lift * view.nz, view.cap * dr.maximum(1 - r2, 0))
+    z = view.cos + above
     d = across + view.z * z
 
     # the foot of the perpendicular from the centre, and half the chord, in units of the distance to the centre
     b = dr.select(view.inside, dr.dot(view.v, d), z)
     foot = dr.select(view.inside, b * d - view.v, z * across - dr.squared_norm(across) * view.z)
-    half = dr.safe_sqrt(view.radius2 - dr.squared_norm(foot))
+    half = dr.sqrt(dr.select(view.inside, b * b + view.power, above * (z + view.cos)))
     length = dr.select(view.inside & (b > 0), b + half, view.power / (dr.select(view.inside, -b, b) + half))
     offset = view.distance * (foot + d * dr.select(view.inside, half, -half))
 
     density = guards.usable(view.density(cosine, warp.bilinear_pdf(t, weights)))
     good = density > 0
-    return centre + dr.select(good, offset, 0), d, dr.select(good, length * view.distance, 0), density
+    q = centre + dr.select(good, offset, 0)
+    return q, dr.select(good, d, 0), dr.select(good, length * view.distance, 0), density
 
 
 def pdf(centre, radius, p, n, q):
@@ -110,10 +111,10 @@ class _View:
         self.inside = distance < radius
         self.distance = dr.select(distance > 0, distance, 1)
         self.v = v / self.distance
-        self.radius2 = dr.square(radius / self.distance)
         self.power = dr.abs((distance - radius) * (distance + radius)) / dr.square(self.distance)
-        self.sin2 = dr.minimum(self.radius2, 1)
-        self.sin, self.cos = dr.sqrt(self.sin2), dr.select(self.inside, 0, dr.sqrt(self.power))
+        self.sin2 = dr.minimum(dr.square(radius / self.distance), 1)
+        self.sin = dr.sqrt(self.sin2)
+        self.cos = dr.select(self.inside, dr.select(oriented, 0, -1), dr.sqrt(self.power))
         self.cap = dr.select(self.inside, 2, self.sin2 / (1 + self.cos))  # 1 - cos, at most
 
         forward = dr.select(distance > 0, self.v, mi.Vector3f(0, 0, 1))
