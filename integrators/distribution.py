@@ -11,14 +11,15 @@ import drjit as dr
 import mitsuba as mi
 
 from whitted import effects, tracing, transport
-from whitted.direct import direct_light, power_heuristic
+from whitted.direct import DirectLight, power_heuristic
 from whitted.errors import UsageError
 from whitted.pilot import Pilot
 from whitted.sampling.draws import SamplerDraws
 from whitted.transport import when
 from whitted.world import World
 
-# Tag bits of a ray: it has met only null surfaces; only specular ones; its last lobe was specular; it ends where it hits
+# Tag bits of a ray: it has met only null surfaces; only specular ones; its last lobe was specular; only what it hits
+# emits counts
 CLEAR, CHAIN, SPECULAR, FINAL = 1, 2, 4, 8
 VISIT = 16  # the number of surfaces met, counted in the tag's upper bits
 CUTOFF = 1 / 16  # a branch of the tree with less throughput than this survives by roulette
@@ -235,22 +236,19 @@ class _Walk:
 
         # ---- Direct light
         vertex = self.vertex(si, node, hit, within)
-        samples = self.count(vertex, self.light_samples)
-        lobes = self.count(vertex, self.gloss_samples if self.splits > 1 else 1)
-        L = direct_light(
+        light = DirectLight(
             world,
             lights,
-            si,
             self.draws,
+            si,
             node.id,
             vertex.albedo,
-            vertex.is_seen,
-            vertex.combined,
-            samples,
-            lobes,
-            within,
+            closed=vertex.is_seen,
+            combined=vertex.combined,
+            samples=self.count(vertex, self.light_samples),
+            rays=self.count(vertex, self.gloss_samples if self.splits > 1 else 1),
         )
-        sums["radiance"] += dr.select(within, node.w * L, 0)
+        sums["radiance"] += dr.select(within, node.w * light.estimate(within), 0)
 
         # ---- Branches
         if not self.goes_on:
@@ -428,14 +426,14 @@ class _Walk:
             child.tag |= dr.select(straight, node.tag % VISIT, (node.tag & CHAIN) | mi.UInt32(SPECULAR))
             child.depth = dr.select(straight, node.depth, child.depth)
             share = dr.select(active & followed, _importance(child.w, child.eta), 0)
-            lobes.append((child, wo, share, straight, reflects))
+            lobes.append((child, wo, share, reflects))
 
         share = dr.select(has_smooth, _importance(smooth.w, smooth.eta), 0)
-        total = sum((share for _, _, share, _, _ in lobes), share)
+        total = sum((share for _, _, share, _ in lobes), share)
         kept = has_smooth & (in_tree | (u.x * total < share))
         smooth.w = smooth.w * dr.select(in_tree, 1, total / share)
         next_node, has_next, below = smooth, dr.select(active, kept, has_smooth), share
-        for child, wo, share, straight, reflects in lobes:
+        for child, wo, share, reflects in lobes:
             survival = dr.select(in_tree, dr.minimum(share / CUTOFF, 1), share / total)
             chosen = (u.x * total >= below) & (u.x * total < below + share)
             spawned = active & ~(share <= 0) & dr.select(in_tree, u.y < survival, chosen)
@@ -474,7 +472,7 @@ class _Vertex(NamedTuple):
     is_first: object  # Bool: it is seen by the eye directly
     is_seen: object  # Bool: it is seen directly or by way of specular surfaces
     albedo: object  # Spectrum: reflectance of the diffuse lobes, where it is needed
-    combined: object  # masks, see `direct_light`; None: none of both
+    combined: object  # masks, see `DirectLight`; None: none of both
 
 
 def _importance(w, eta):

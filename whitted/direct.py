@@ -15,88 +15,101 @@ def power_heuristic(pdf, other):
     return dr.select(pdf > 0, pdf / (pdf + other), 0)
 
 
-def direct_light(world, lights, si, draws, node, albedo, closed, combined, samples, lobes, active):
-    """Estimate the light that the groups of ``lights`` send to ``si`` and that is scattered along the ray back.
+class DirectLight:
+    """The estimate of the light that reaches a vertex from the lights directly and is scattered along the ray back.
 
     Where the light of all bounded lights is known in closed form if nothing lies between, what is sampled is only what
     is missing from it: on a diffuse surface that is noise of visibility alone.
 
     Args:
-        world, si, draws, node: as for `transport.direct_light`.
+        world: ``World``.
         lights: ``Lights``.
-        albedo: ``Spectrum`` [N], the reflectance of the diffuse lobes; used where ``world.is_lambertian``, or the
-            light of all bounded lights is known.
+        draws: numbers, asked for effect ``light`` twice for each group: for the point and for the choice.
+        si: ``SurfaceInteraction3f`` [N].
+        node: ``UInt32`` [N], the vertex's node of the ray tree.
+        albedo: ``Spectrum`` [N], the reflectance of the diffuse lobes; used where ``world.is_lambertian`` or where the
+            closed form is.
         closed: ``Bool`` [N], where the closed form pays.
-        combined: which lights rays from here look for as well, so that both share the estimate: masks
-            (``Bool`` [N]) for the plain ones (see ``Lights.is_plain``) and for the others.
+        combined: which lights rays from here look for as well, so that both share the estimate: None, or masks
+            (``Bool`` [N]) for the plain lights (see ``Lights.is_plain``) and for the others.
         samples: how many of each group, ``int`` or ``UInt32`` [N].
-        lobes: how many rays go on from here, ``int`` or ``UInt32`` [N].
-        active: ``Bool`` [N].
-
-    Returns:
-        ``Spectrum`` [N], radiance.
+        rays: how many rays go on from here, ``int`` or ``UInt32`` [N].
     """
-    active = active & mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
 
-    def estimate(L, rays, sampler):
-        world.rays = dict(rays)
-        n = world.light_side(si)
-        reflected = albedo * dr.inv_pi
-        known = active & closed & ~dr.all(n == 0)
-        if lights.is_closed:
-            L = when(known, lambda L: L + reflected * lights.bounded.irradiance(si, n, known), L)
-        for number, group in enumerate(lights.groups):
-            L += _group(
-                world, group, number, si, n, reflected, known, draws, node, combined, samples, lobes, active
-            )
-        return L, world.rays, sampler
+    def __init__(self, world, lights, draws, si, node, albedo, closed, combined=None, samples=1, rays=1):
+        self.world, self.lights, self.draws = world, lights, draws
+        self.si, self.node, self.combined = si, node, combined
+        self.samples, self.rays = samples, rays
+        self.n = world.light_side(si)
+        self.reflected = albedo * dr.inv_pi
+        self.closed = closed & ~dr.all(self.n == 0)
 
-    L, world.rays, _ = when(active, estimate, mi.Spectrum(0), world.rays, draws.state)
-    return L
+    def estimate(self, active):
+        """Return the radiance (``Spectrum`` [N]); 0 where not ``active`` (``Bool`` [N])."""
+        active = active & mi.has_flag(self.si.bsdf().flags(), mi.BSDFFlags.Smooth)
 
+        def lit(L, rays, sampler):
+            self.world.rays = dict(rays)
+            if self.lights.is_closed:
+                L = when(self.closed, lambda L: L + self._unoccluded(active & self.closed), L)
+            for number, group in enumerate(self.lights.groups):
+                L += self._group(number, group, active)
+            return L, self.world.rays, sampler
 
-def _group(world, group, number, si, n, reflected, known, draws, node, combined, samples, lobes, active):
-    """The estimate of one group: the mean of its samples."""
-    is_one = isinstance(samples, int) and samples == 1
-    count = mi.UInt32(samples)
-
-    def step(j, L, rays, sampler):
-        world.rays = dict(rays)
-        part = None if is_one else (j, count)
-        u = draws("light", node, 2 * number, part) if group.needs_point else mi.Point2f(0.5)
-        choice = draws("light", node, 2 * number + 1, part).x if group.needs_choice else mi.Float(0.5)
-        L = L + _sample(world, group, si, n, reflected, known, u, choice, combined, samples, lobes, active)
-        return j + 1, L, world.rays, sampler
-
-    state = (mi.UInt32(0), mi.Spectrum(0), world.rays, draws.state)
-    if is_one:
-        _, L, world.rays, _ = step(*state)
+        L, self.world.rays, _ = when(active, lit, mi.Spectrum(0), self.world.rays, self.draws.state)
         return L
-    going = active & dr.full(mi.Bool, True, dr.width(active))
-    _, L, world.rays, _ = dr.while_loop(state, lambda j, *_: going & (j < count), step, label="light samples")
-    return L / mi.Float(count)
 
+    def _unoccluded(self, active):
+        return self.reflected * self.lights.bounded.irradiance(self.si, self.n, active)
 
-def _sample(world, group, si, n, reflected, known, u, choice, combined, samples, lobes, active):
-    """The estimate from one sample of one group, less what is known of it."""
-    sample = group.sample(si, n, u, choice, active)
-    wo, context = si.to_local(sample.d), mi.BSDFContext()
-    if group.is_hittable and combined is not None:
-        value, density = si.bsdf().eval_pdf(context, si, wo, active)
-        mask = combined[0] if group.is_plain else combined[1]
-        weight = power_heuristic(sample.pdf * samples, density * lobes)
-        value *= dr.select(mask & (sample.pdf > 0), weight, 1)
-    elif world.is_lambertian:
-        value = reflected * dr.maximum(dr.dot(sample.d, n), 0)
-    else:
-        value = si.bsdf().eval(context, si, wo, active)
-    dark = dr.all(sample.weight == 0)  # where there is no direction either
-    L = dr.select(active & ~dark, value * sample.weight, 0)
-    lit = active & ~dr.all(L == 0)  # NaN, for which no comparison holds, is lit and counted
-    L = dr.select(
-        lit, L * world.transmittance(si, sample.target, sample.shape, lit, inside=group.as_points), 0
-    )
-    if group.is_closed:
-        expected = reflected * dr.maximum(dr.dot(sample.d, n), 0) * sample.weight
-        L -= dr.select(known & ~dark, expected, 0)
-    return L
+    def _group(self, number, group, active):
+        """The mean of the samples of one group."""
+        is_one = isinstance(self.samples, int) and self.samples == 1
+        count = mi.UInt32(self.samples)
+
+        def step(j, L, rays, sampler):
+            self.world.rays = dict(rays)
+            part = None if is_one else (j, count)
+            u, choice = mi.Point2f(0.5), mi.Float(0.5)
+            if group.needs_point:
+                u = self.draws("light", self.node, 2 * number, part)
+            if group.needs_choice:
+                choice = self.draws("light", self.node, 2 * number + 1, part).x
+            L = L + self._sample(group, u, choice, active)
+            return j + 1, L, self.world.rays, sampler
+
+        state = (mi.UInt32(0), mi.Spectrum(0), self.world.rays, self.draws.state)
+        if is_one:
+            _, L, self.world.rays, _ = step(*state)
+            return L
+        going = active & dr.full(mi.Bool, True, dr.width(active))
+        _, L, self.world.rays, _ = dr.while_loop(
+            state, lambda j, *_: going & (j < count), step, label="light samples"
+        )
+        return L / mi.Float(count)
+
+    def _sample(self, group, u, choice, active):
+        """The estimate from one sample of one group, less what is known of it."""
+        sample = group.sample(self.si, self.n, u, choice, active)
+        dark = dr.all(sample.weight == 0)  # where there is no direction either
+        L = dr.select(active & ~dark, self._scattered(group, sample, active) * sample.weight, 0)
+        lit = active & ~dr.all(L == 0)  # NaN, for which no comparison holds, is lit and counted
+        passed = self.world.transmittance(self.si, sample.target, sample.shape, lit, inside=group.as_points)
+        L = dr.select(lit, L * passed, 0)
+        if group.is_closed:
+            expected = self.reflected * dr.maximum(dr.dot(sample.d, self.n), 0) * sample.weight
+            L -= dr.select(active & self.closed & ~dark, expected, 0)
+        return L
+
+    def _scattered(self, group, sample, active):
+        """The BSDF times the cosine, and times the share that the sample has in the estimate beside rays from here."""
+        if self.combined is None or not group.is_hittable:
+            if self.world.is_lambertian:
+                return self.reflected * dr.maximum(dr.dot(sample.d, self.n), 0)
+            return self.si.bsdf().eval(mi.BSDFContext(), self.si, self.si.to_local(sample.d), active)
+        value, density = self.si.bsdf().eval_pdf(
+            mi.BSDFContext(), self.si, self.si.to_local(sample.d), active
+        )
+        share = power_heuristic(sample.pdf * self.samples, density * self.rays)
+        mask = self.combined[0] if group.is_plain else self.combined[1]
+        return value * dr.select(mask & (sample.pdf > 0), share, 1)

@@ -112,6 +112,7 @@ class Plan:
             "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
             for row in rows
         ]
+        shared = ", ".join(f"{count} of {kind}" for kind, count in self.samples.items())
         head = f"{self.scene}: a kernel of {self.operations} operations" if self.operations else self.scene
         return "\n".join([head, *lines, *([f"samples at the first hit: {shared}"] if shared else [])])
 

@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from whitted.film import cropped, eye_rays, luminance
-from whitted.sampling.draws import Draws
+from whitted.sampling.draws import Draws, joint_dimensions
 from whitted.sampling.groups import Segments, opaque_seed
 from whitted.sampling.sequences import hash4
 
@@ -86,7 +86,8 @@ class Pilot:
 
     def _difference(self, effect, called):
         """The upper bound of the mean change in radiance if an effect is left out, absolute and relative."""
-        on, off = (self._radiance(plan) for plan in (called, called - {effect}))
+        joint = joint_dimensions(called)
+        on, off = (self._radiance(plan, joint) for plan in (called, called - {effect}))
         finite = np.isfinite(on) & np.isfinite(off)
         on, change = on[finite], np.abs(on - off)[finite]
         seen = change.mean() + ERRORS * change.std() / np.sqrt(change.size)
@@ -95,8 +96,9 @@ class Pilot:
         relative = radiance / mean if mean > 0 else (0.0 if radiance == 0 else np.inf)
         return {"radiance": float(radiance), "relative": float(relative)}
 
-    def _radiance(self, plan):
+    def _radiance(self, plan, joint):
         ray, weight, draws, _, active = self._eye_rays(plan)
+        draws.joint = joint  # the same numbers, whatever is left out
         self.world.forget_rays()
         found = self.integrator.estimate(self.world, ray, draws, plan, active)
         return luminance(found["radiance"] * weight, ray.wavelengths).numpy().astype(np.float64)

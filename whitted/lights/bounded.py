@@ -17,11 +17,13 @@ from whitted.lights.primitives import (
 )
 from whitted.lights.sample import LightSample
 from whitted.lights.tree import LightTree
+from whitted.transport import when
 
 NOT_SAMPLED = 0xFFFFFFFF
 MARGIN = 1e-5  # relative, of what counts as a light's own surface
+FAR = 2.0  # sizes; from there a light is sampled by area
 MOST_CLOSED = 4  # primitives up to which all are summed up in closed form at a vertex
-CLOSED = {RECTANGLE, TRIANGLE, SPHERE}
+CLOSED = {RECTANGLE, TRIANGLE, DISK, SPHERE}
 SHAPES = {RECTANGLE: rectangle, TRIANGLE: triangle, DISK: disk, SPHERE: sphere}
 
 
@@ -96,7 +98,7 @@ class BoundedLights:
             elif one == POINT:
                 new = self._at_point(leaf, geometry, si, here)
             else:
-                q, d, _, pdf = SHAPES[one].sample(*_arguments(one, geometry), si.p, n, u)
+                q, d, pdf = _sample(one, _arguments(one, geometry), si.p, n, u, here)
                 lit = here & (pdf > 0) & _faces(one, geometry, si.p)
                 new = d, q, dr.select(lit, self._radiance(leaf, si, lit) / pdf, 0), pdf
             if len(self.kinds) > 1:
@@ -119,7 +121,7 @@ class BoundedLights:
             if one == MITSUBA:
                 new = self._pdf_by_mitsuba(leaf, si, p, here)
             else:
-                new = SHAPES[one].pdf(*_arguments(one, geometry), p, n, si.p)
+                new = _pdf(one, _arguments(one, geometry), p, n, si.p, here)
             density = dr.select(here, new, density)
         return dr.select(active, density * self.tree.probability(leaf, p, n, active), 0)
 
@@ -174,6 +176,63 @@ class BoundedLights:
         return self._light(leaf, active).pdf_direction(receiver, ds, active)
 
 
+def _sample(kind, light, p, n, u, active):
+    """Sample a point of a primitive from ``p``: by solid angle if it is near, else by area, which is cheaper."""
+
+    def exact(q, d, pdf):
+        q, d, _, pdf = SHAPES[kind].sample(*light, p, n, u)
+        return mi.Point3f(q), mi.Vector3f(d), pdf
+
+    if kind == SPHERE:
+        return exact(*[None] * 3)
+    first, second, third = light
+    middle, size2, area_normal = _extent(kind, light)
+    if kind == RECTANGLE:
+        q = first + second * u.x + third * u.y
+    elif kind == TRIANGLE:
+        t = mi.warp.square_to_uniform_triangle(u)
+        q = first + (second - first) * t.x + (third - first) * t.y
+    else:
+        t = mi.warp.square_to_uniform_disk_concentric(u) * third
+        q = first + mi.Frame3f(second).to_world(mi.Vector3f(t.x, t.y, 0))
+    near = active & (dr.squared_norm(middle - p) < dr.square(FAR) * size2)
+    v = mi.Vector3f(q - p)
+    d = v * dr.rsqrt(dr.squared_norm(v))
+    return when(near, exact, mi.Point3f(q), d, _area_pdf(v, area_normal))
+
+
+def _pdf(kind, light, p, n, q, active):
+    """The density with which `_sample` gives the direction from ``p`` to the point ``q`` of a primitive."""
+    if kind == SPHERE:
+        return sphere.pdf(*light, p, n, q)
+    middle, size2, area_normal = _extent(kind, light)
+    near = active & (dr.squared_norm(middle - p) < dr.square(FAR) * size2)
+    return when(near, lambda pdf: SHAPES[kind].pdf(*light, p, n, q), _area_pdf(q - p, area_normal))
+
+
+def _area_pdf(v, area_normal):
+    """The density by solid angle of the direction ``v`` to a point that is uniform over a flat light's area."""
+    across = dr.abs(dr.dot(v, area_normal))
+    d2 = dr.squared_norm(v)
+    return dr.select(across > 0, d2 * dr.sqrt(d2) / across, 0)
+
+
+def _extent(kind, light):
+    """The middle of a flat light, its squared size, and its normal with the length of its area."""
+    first, second, third = light
+    if kind == DISK:
+        return first, dr.square(2 * third), second * (dr.pi * dr.square(third))
+    if kind == TRIANGLE:
+        x, y = second - first, third - first
+        longest = dr.maximum(dr.maximum(dr.squared_norm(x), dr.squared_norm(y)), dr.squared_norm(y - x))
+        return first + (x + y) / 3, longest, dr.cross(x, y) / 2
+    return (
+        first + (second + third) / 2,
+        dr.squared_norm(second) + dr.squared_norm(third),
+        dr.cross(second, third),
+    )
+
+
 def _arguments(kind, geometry):
     """The columns of a primitive as the functions of its shape want them."""
     if kind == SPHERE:
@@ -187,12 +246,12 @@ def _arguments(kind, geometry):
 
 
 def _faces(kind, geometry, p):
-    """Whether a light emits towards ``p``; points of its own surface, up to rounding, don't count."""
+    """Whether a light emits towards ``p``; points of its own surface, up to rounding, count as behind it."""
     if kind == SPHERE:
         centre, radius = _arguments(kind, geometry)
-        margin = MARGIN * (radius + dr.norm(p)) * radius
-        outside = dr.squared_norm(p - centre) - dr.square(radius)
-        return dr.select(geometry[4] > 0, outside > margin, outside < -margin)
+        margin = MARGIN * (radius + dr.norm(p)) * radius  # what is that near is on it, and thus inside
+        outside = dr.squared_norm(p - centre) - dr.square(radius) > margin
+        return outside == (geometry[4] > 0)
     first, second, third = _arguments(kind, geometry)
     normal = {
         RECTANGLE: lambda: dr.cross(second, third),

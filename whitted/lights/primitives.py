@@ -87,7 +87,9 @@ def primitives_of(scene, as_points=False):
 
 
 def _has_area(shape):
-    """Whether Mitsuba can sample positions on a shape."""
+    """Whether Mitsuba can sample positions on a shape, and a hit tells where on it."""
+    if shape.class_name() == "EllipsoidsMesh":
+        return False  # a hit doesn't tell its triangle
     try:
         return float(np.ravel(shape.surface_area())[0]) > 0
     except RuntimeError:  # not implemented
@@ -140,7 +142,7 @@ def _power(emitter):
     u = _points(PROBES, 5)
     _, weight = emitter.sample_ray(0.0, u[0], mi.Point2f(u[1], u[2]), mi.Point2f(u[3], u[4]))
     power = float(np.mean(np.array(weight, np.float64)))
-    return power if np.isfinite(power) else 1.0
+    return power if np.isfinite(power) and power > 0 else 1.0  # a light that is never chosen would be missed
 
 
 def _points(count, dimensions=2):

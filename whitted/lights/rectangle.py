@@ -1,14 +1,14 @@
 """Rectangles as seen from a point: sampling by solid angle, its density, and irradiance.
 
-Source: [Urena2013] for cutting the rectangle into strips such that solid angle is preserved, [Hart2020] for the warp
-by the cosines in the corners. It is put differently here: all is told by half the solid angle ``tau(x)`` of the part of
-an endless strip that lies beyond ``x``. This part is a triangle with its third vertex in the pole in which all lines
-along ``ex`` meet, so that by [VanOosterom1983]
+Source: [UrenaFajardoKing2013] for cutting the rectangle into strips such that solid angle is preserved, [Hart2020]
+for the warp by the cosines in the corners. It is put differently here: all is told by half the solid angle ``tau(x)``
+of the part of an endless strip that lies beyond ``x``. This part is a triangle with its third vertex in the pole in
+which all lines along ``ex`` meet, so that by [VanOosteromStrackee1983]
 
     tan tau(x) = z h / D(x),    D(x) = (r0 + x) (r1 + x) + z^2 + y0 y1,    r_j^2 = x^2 + y_j^2 + z^2,    h = y1 - y0
 
-for a receiver at height ``z`` over the origin of the plane. Its inverse needs square roots only. Both keep their digits
-when the receiver is close to the rectangle or to its plane. Left out: parallelograms that aren't rectangles.
+for a receiver at height ``z`` over the origin of the plane. Its inverse needs square roots only. Both keep their
+digits when the receiver is close to the rectangle or to its plane. Left out: parallelograms that aren't rectangles.
 """
 
 import drjit as dr

@@ -1,11 +1,11 @@
 """Spheres as seen from a point: sampling by solid angle, its density, and irradiance.
 
 From outside a sphere fills a round cone. If all of it is above the receiver's horizon, points are drawn exactly in
-proportion to the cosine: the circle in which the cone meets the unit sphere is flat, and going along the normal from a
-uniform point of its disk to the unit sphere gives a uniform projected solid angle [Arvo1995b]. Cut by the horizon, or
-with no normal given, the cone is sampled uniformly [Shirley1996] and warped by [Hart2020]. From inside, directions are
-drawn in proportion to the cosine. ``1 - cos`` is ``sin^2 / (1 + cos)`` throughout, so small spheres lose no digits.
-Left out: an exact map for spheres that the horizon cuts [Urena2018].
+proportion to the cosine [UrenaGeorgiev2018]: the circle in which the cone meets the unit sphere is flat, and going
+along the normal from a uniform point of its disk to the unit sphere gives a uniform projected solid angle. Cut by the
+horizon, or with no normal given, the cone is sampled uniformly [ShirleyWangZimmerman1996] and warped by [Hart2020].
+From inside, directions are drawn in proportion to the cosine. ``1 - cos`` is ``sin^2 / (1 + cos)`` throughout, so
+small spheres lose no digits. Left out: the exact map of [UrenaGeorgiev2018] for spheres that the horizon cuts.
 """
 
 import drjit as dr

@@ -1,11 +1,11 @@
 """Triangles as seen from a point: sampling by solid angle, its density, and irradiance.
 
 Source: [Arvo1995] for cutting off a share of the spherical triangle at a point of the side ``bc`` and then going from
-``a`` towards it, [Hart2020] for the warp by the cosines at the vertices, [VanOosterom1983] for the solid angle. The
-tangent of half the solid angle is a ratio of two expressions linear in a unit vector that moves along ``bc``, so the
-point on the side comes from a linear equation, with no difference of angles: small triangles lose no digits. Left out:
-a solid angle that keeps its digits for receivers so close to a side that rounding their positions changes it; its
-relative error is up to 3e-7 times the side's length over the distance.
+``a`` towards it, [Hart2020] for the warp by the cosines at the vertices, [VanOosteromStrackee1983] for the solid
+angle. The tangent of half the solid angle is a ratio of two expressions linear in a unit vector that moves along
+``bc``, so the point on the side comes from a linear equation, with no difference of angles: small triangles lose no
+digits. Left out: a solid angle that keeps its digits for receivers so close to a side that rounding their positions
+changes it; its relative error is up to 3e-7 times the side's length over the distance.
 """
 
 import drjit as dr
@@ -80,37 +80,32 @@ class _View:
         self.la, self.lb, lc = turned(*lengths)
         ca, cb, cc = turned(*cosines)
         self.weights = warp.corner_weights([ca, ca, cb, cc])
+        self.ua, self.ub = self.a / self.la, self.b / self.lb
         self.normal = dr.cross(self.ab, self.bc)
-        self.det = dr.abs(dr.dot(self.a, self.normal))
-        self.sum = _sum(self.a, self.b, self.la, self.lb, self.ab)
+        self.det = dr.abs(dr.dot(self.a, self.normal)) / (self.la * self.lb)
+        self.sum = (
+            _sum(self.ua, self.b, self.lb, self.ab) / self.lb
+        )  # 1 + cosine of the angle between a and b
         self.half = self.half_angle(1, c, lc)
 
     def half_angle(self, s, c, lc):
         """Return half the solid angle of ``a``, ``b`` and the point ``c`` at ``b + s bc``, of length ``lc``."""
-        dot = self.sum * lc + dr.dot(self.a, c) * self.lb + dr.dot(self.b, c) * self.la
-        return dr.atan2(s * self.det, dot)
+        return dr.atan2(s * self.det, self.sum * lc + dr.dot(self.ua, c) + dr.dot(self.ub, c))
 
     def point(self, t):
         """Return ``r`` and ``s`` such that the point ``a + r (ab + s bc)`` divides the solid angle by ``t``."""
         sin, cos = dr.sincos(t.x * self.half)
-        height = dr.norm(dr.cross(self.b, self.bc))
-        across = self.lb * self.bc - self.b * (dr.dot(self.b, self.bc) / self.lb)
+        across = self.bc - self.ub * dr.dot(self.ub, self.bc)
+        height = dr.norm(dr.cross(self.ub, self.bc))
         s = _towards(
-            self.b,
-            self.lb,
-            self.bc,
-            sin * self.sum * height,
-            self.lb * (cos * self.det - sin * dr.dot(self.a, across)),
+            self.ub, self.lb, self.bc, sin * self.sum * height, cos * self.det - sin * dr.dot(self.ua, across)
         )
-        ae = self.ab + s * self.bc
-        e = self.b + s * self.bc
+        ae, e = self.ab + s * self.bc, self.b + s * self.bc
         le = dr.norm(e)
-        # 1 - cos, halved, of the angle between a and e
-        whole = (
-            0.5 * dr.squared_norm(dr.cross(self.a, ae)) / (self.la * le * _sum(self.a, e, self.la, le, ae))
-        )
+        # half of 1 - cos of the angle between a and e
+        whole = 0.5 * dr.squared_norm(dr.cross(self.ua, ae)) / (le * _sum(self.ua, e, le, ae))
         part = dr.minimum(t.y * whole, 1)
-        return _towards(self.a, self.la, ae, dr.sqrt(part), dr.sqrt(1 - part)), s
+        return _towards(self.ua, self.la, ae, dr.sqrt(part), dr.sqrt(1 - part)), s
 
     def number(self, aq):
         """Return the numbers that ``point`` takes to the point ``a + aq``."""
@@ -122,7 +117,7 @@ class _View:
         e, v = self.b + s * self.bc, self.a + r * ae
         le, lv = dr.norm(e), dr.norm(v)
         # the ratio of 1 - cos, less the factor that both have
-        share = le * _sum(self.a, e, self.la, le, ae) / (lv * _sum(self.a, v, self.la, lv, r * ae))
+        share = le * _sum(self.ua, e, le, ae) / (lv * _sum(self.ua, v, lv, r * ae))
         x = self.half_angle(s, e, le) / self.half
         return mi.Point2f(dr.clip(x, 0, 1), dr.clip(r * r * share, 0, 1))
 
@@ -131,14 +126,14 @@ class _View:
         return 0.5 * warp.bilinear_pdf(t, self.weights) / self.half
 
 
-def _sum(a, b, la, lb, ab):
-    """``|a| |b| + a . b`` for ``b = a + ab``, without cancellation for opposite directions."""
-    dot = dr.dot(a, b)
-    return dr.select(dot > 0, la * lb + dot, dr.squared_norm(dr.cross(a, ab)) / (la * lb - dot))
+def _sum(u, b, lb, ab):
+    """``|b| + u . b`` for a unit vector ``u`` along ``b - ab``, without cancellation for opposite directions."""
+    dot = dr.dot(u, b)
+    return dr.select(dot > 0, lb + dot, dr.squared_norm(dr.cross(u, ab)) / (lb - dot))
 
 
-def _towards(a, la, ab, sin, cos):
-    """The share ``r`` in [0, 1] for which ``a + r ab`` makes the angle ``2 atan(sin / cos)`` with ``a``."""
+def _towards(u, la, ab, sin, cos):
+    """The share ``r`` in [0, 1] for which ``la u + r ab`` makes the angle ``2 atan(sin / cos)`` with the unit ``u``."""
     double = 2 * sin * cos
-    r = double * la * la / (dr.norm(dr.cross(a, ab)) * (cos * cos - sin * sin) - double * dr.dot(a, ab))
+    r = double * la / (dr.norm(dr.cross(u, ab)) * (cos * cos - sin * sin) - double * dr.dot(u, ab))
     return dr.clip(r, 0, 1)

@@ -1,0 +1,93 @@
+"""How much lower is the error of `distribution` than that of Mitsuba's integrators at the same kernel seconds?
+
+Mean squared errors, each curve through its measured samples per pixel, at the longest time that all methods have
+reached. "best" is the best of Mitsuba's unbiased pairs of integrator and sampler on that scene, `ldsampler` not among
+them. A target is met if the lower end of the 95 % interval reaches it. ``--small`` takes minutes, the large size an hour.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import timing
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # where the measurement is shared with the figures
+
+import comparison
+
+SCENES = ("soft_shadows", "open_floor", "gloss", "translucency", "depth_of_field", "interreflection")
+EVEN = 1 / 1.1  # at most 1.1 times worse than the best, where nothing else is asked for
+TO_BEST = {"open_floor": 20.0, "soft_shadows": 1.1}
+TO_WEAKEST = {"open_floor": 20.0, "soft_shadows": 20.0}
+OTHERWISE = 5.0
+WORST_PIXELS = 0.05
+
+
+def verdict(ratio, target):
+    return f"{'met' if ratio.low >= target else 'MISSED'} (at least {target:.3g})"
+
+
+def interval(ratio):
+    return f"{ratio.value:.3g} [{ratio.low:.3g}, {ratio.high:.3g}]"
+
+
+def ratios(measured):
+    """The rows of the table at equal time."""
+    head = ("scene", "integrator", "seconds", "best of Mitsuba", "best / ours [95 %]", "target")
+    rows = [(*head, f"{comparison.WEAKEST} / ours", "target")]
+    for name, (found, _) in measured.items():
+        for ours in (comparison.OURS, comparison.DEFAULTS):
+            seconds, best, to_best, to_weakest = comparison.advantages(found, ours)
+            targets = TO_BEST.get(name, EVEN), TO_WEAKEST.get(name, OTHERWISE)
+            row = (name, ours, f"{seconds:.3f}", best, interval(to_best), verdict(to_best, targets[0]))
+            rows.append((*row, interval(to_weakest), verdict(to_weakest, targets[1])))
+    return rows
+
+
+def references(measured):
+    """The rows of the table on what the errors are taken against."""
+    rows = [("scene", "variance of the reference / smallest error", "distribution - path [95 %]", "tests")]
+    for name, (found, _) in measured.items():
+        reference = found["reference"]
+        share = reference["variance"] / min(c.band()[0].min() for c in comparison.curves(found).values())
+        text = f"{share:.3f} {'' if 0 <= share < comparison.TENTH else '(MISSED, below 0.1)'}"
+        low, high = reference["image"]["interval"]
+        bias = f"{100 * reference['image']['value']:+.3f} % [{100 * low:+.3f}, {100 * high:+.3f}]"
+        rows.append((name, text, bias, reference["verdict"]))
+    return rows
+
+
+def limits(measured):
+    """The rows of the table on where the noise of ours is, and on the bias of the sampler that is left out."""
+    rows = [
+        (
+            "scene",
+            "samples",
+            f"squared error in the worst {WORST_PIXELS:.0%} of pixels",
+            "bias of ldsampler / error",
+        )
+    ]
+    for name, (found, reference) in measured.items():
+        error = np.sort(comparison.maps(found, reference)[comparison.OURS]["error"].ravel() ** 2)[::-1]
+        share = error[: int(WORST_PIXELS * error.size)].sum() / error.sum()
+        bias, deviation = comparison.bias(found, f"path {comparison.BIASED}")
+        count = {line.split("=")[0]: line.split("=")[1].rstrip("]") for line in found["plan"].split(", ")}
+        samples = "/".join(count[key] for key in comparison.AUTO)
+        rows.append(
+            (name, samples, f"{share:.0%}", f"{bias / reference.mean():+.4%}, {bias / deviation:+.1f}")
+        )
+    return rows
+
+
+def main():
+    size, force = comparison.arguments()
+    measured = {name: comparison.measure(name, size, force) for name in SCENES}
+    side = comparison.SIZES[size].side
+    print(f"{side}x{side}, {comparison.SIZES[size].turns} replicates; {timing.machine()}")
+    for rows in (ratios(measured), references(measured), limits(measured)):
+        print()
+        timing.table(rows)
+
+
+if __name__ == "__main__":
+    main()

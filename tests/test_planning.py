@@ -1,0 +1,245 @@
+"""What a scene calls for: the evidence for every effect, the pilot's bounds, and what a plan costs.
+
+That a bound holds is tested on pictures whose noise is far below it.
+"""
+
+import json
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from test_effects import BLACK, POINT, checker, face_down, lens, light, moving
+from whitted_scenes import EMITTERS, GREY, ball, camera, panel, stage, transform
+
+import whitted
+from whitted import effects
+from whitted.errors import UsageError
+from whitted.world import World
+
+BOUNDED = {"radiance", "relative"}
+
+
+def plan(scene, **options):
+    return whitted.plan(scene, {"type": "distribution"} | options, costs=False)
+
+
+def told(scene, effect, max_depth=-1):
+    """Whether the objects of a scene alone call for an effect, and the evidence."""
+    sensor = scene.sensors()[0] if scene.sensors() else None
+    finding = effects.decide(World(scene), sensor, max_depth=max_depth)[effect]
+    assert finding.bound is None
+    assert finding.dimensions == (effects.DIMENSIONS[effect] if finding.called_for else 0)
+    return finding.called_for, finding.evidence
+
+
+# ---- What the objects tell
+
+CONDUCTOR, DIELECTRIC = {"type": "conductor"}, {"type": "dielectric"}
+ROUGH, ROUGH_GLASS = {"type": "roughconductor", "alpha": 0.3}, {"type": "roughdielectric", "alpha": 0.3}
+PLASTIC = {"type": "roughplastic", "alpha": 0.2}
+SENTENCES = [  # effect, what there is beside a floor, max_depth, whether it is called for, words of the evidence
+    ("antialiasing", {}, -1, True, "each pixel is an area"),
+    ("soft_shadows", {}, -1, False, "there is no emitter"),
+    ("soft_shadows", {"lamp": POINT}, -1, False, "all emitters are delta: point light 'lamp'"),
+    ("soft_shadows", {"lamp": "area"}, -1, True, "light from an area: area light"),
+    ("soft_shadows", {"sky": "constant"}, -1, True, "light from an area: constant background emitter 'sky'"),
+    ("soft_shadows", {"lamp": "area"}, 1, False, "max_depth = 1: no surface is lit"),
+    ("soft_shadows", {"lamp": "area", "floor": CONDUCTOR}, -1, False, "no surface scatters light: smooth conductor"),
+    ("reflection", {"ball": CONDUCTOR}, 2, True, "reflecting: smooth conductor"),
+    ("reflection", {"ball": CONDUCTOR}, 1, False, "nothing is seen in smooth conductor"),
+    ("reflection", {"ball": ROUGH}, 3, True, "reflecting: rough conductor"),
+    ("reflection", {"ball": ROUGH}, 2, False, "max_depth = 2: nothing is seen in rough conductor"),
+    ("reflection", {"ball": GREY}, -1, False, "none is reflecting: smooth diffuse"),
+    ("refraction", {"ball": DIELECTRIC}, 2, True, "refracting: smooth dielectric"),
+    ("refraction", {"ball": ROUGH_GLASS}, 2, False, "max_depth = 2: nothing is seen in rough dielectric"),
+    ("refraction", {"ball": CONDUCTOR}, -1, False, "none is refracting: smooth"),
+    ("gloss", {"ball": PLASTIC}, -1, True, "rough reflection lobe: rough plastic"),
+    ("gloss", {"ball": PLASTIC}, 1, False, "max_depth = 1: no surface is lit"),
+    ("gloss", {"ball": CONDUCTOR}, -1, False, "no rough reflection lobe: smooth"),
+    ("translucency", {"ball": ROUGH_GLASS}, -1, True, "rough transmission lobe: rough dielectric"),
+    ("translucency", {"ball": ROUGH_GLASS}, 1, False, "max_depth = 1: no surface is lit"),
+    ("translucency", {"ball": ROUGH}, -1, False, "no rough transmission lobe: "),
+    ("interreflection", {}, -1, True, "diffuse: smooth diffuse"),
+    ("interreflection", {}, 2, False, "max_depth = 2: light is scattered once at most"),
+    ("interreflection", {"floor": ROUGH}, -1, False, "no surface is diffuse: rough conductor"),
+    ("depth_of_field", {}, -1, False, "perspective camera 'sensor' has no aperture"),
+    ("depth_of_field", {"sensor": 0.3}, -1, True, "aperture_radius = 0.3"),
+    ("motion_blur", {}, -1, False, "shutter_open = shutter_close"),
+    ("motion_blur", {"sensor": "open"}, -1, True, "the shutter is open for 1"),
+]
+
+
+@pytest.mark.parametrize(("effect", "things", "depth", "called", "words"), SENTENCES)
+def test_the_evidence_of_the_objects(effect, things, depth, called, words):
+    made = {name: EMITTERS[thing]() if thing in ("area", "constant") else thing for name, thing in things.items()}
+    if "ball" in made:
+        made["ball"] = ball(made["ball"])
+    if "sensor" in made:
+        made["sensor"] = moving() if made["sensor"] == "open" else lens(made["sensor"])
+    is_called, evidence = told(stage(**made), effect, depth)
+    assert is_called == called
+    assert words in evidence
+
+
+def test_of_given_rays_lens_and_shutter_are_unknown():
+    scene = stage(light=POINT)
+    found = effects.decide(World(scene), None)
+    for effect in ("depth_of_field", "motion_blur"):
+        assert found[effect].called_for
+        assert found[effect].evidence == "the eye rays are given"
+
+
+def test_all_and_lists_are_as_asked():
+    scene = stage(light=POINT)
+    everything = plan(scene, effects="all")
+    assert everything.effects == list(effects.NAMES)
+    some = plan(scene, effects="gloss,antialiasing")
+    assert some.effects == ["antialiasing", "gloss"]
+    assert {finding.evidence for finding in some.findings} == {"asked for", "not asked for"}
+
+
+def test_many_objects_are_not_all_named():
+    balls = {f"ball{i}": ball(CONDUCTOR | {"id": f"metal{i}"}) for i in range(5)}
+    _, evidence = told(stage(**balls), "reflection")
+    assert evidence.endswith(" and 2 more")
+
+
+# ---- What only a pilot tells
+
+
+def test_an_open_shutter_before_a_scene_at_rest():
+    still = plan(stage(moving(0.0), ball=ball(GREY), light=POINT))["motion_blur"]
+    assert not still.called_for
+    assert still.evidence == "the shutter is open for 1; nothing moves"
+    blurred = plan(stage(moving(0.5), ball=ball(GREY), light=POINT))["motion_blur"]
+    assert blurred.called_for
+    assert blurred.evidence == "the shutter is open for 1; the camera moves"
+
+
+def through(radius, focus=4.0):
+    """The finding on a lens."""
+    sensor = lens(radius) | {"focus_distance": focus}
+    return plan(stage(sensor, floor=checker(), ball=ball(GREY), light=POINT))["depth_of_field"]
+
+
+def test_a_wide_lens_is_called_for_at_once_and_a_tiny_one_is_measured():
+    wide, tiny, middling = through(0.3), through(1e-5), through(0.05)
+    assert wide.called_for
+    assert wide.bound is None
+    assert not tiny.called_for
+    assert tiny.bound.keys() == BOUNDED
+    assert 0 < tiny.bound["relative"] <= effects.NEGLIGIBLE
+    assert middling.called_for
+    assert middling.bound["relative"] > effects.NEGLIGIBLE
+    for finding, radius in ((wide, 0.3), (tiny, 1e-5), (middling, 0.05)):
+        assert finding.evidence.startswith(f"aperture_radius = {radius:g}; rays through it are off by up to ")
+
+
+def test_the_blur_of_a_lens_is_that_of_its_circle_of_confusion():
+    """A plane at the distance z through a lens of radius r focused at f: r |z / f - 1|, over the size of a pixel."""
+    radius, focus, z = 0.04, 2.0, 5.0
+    sensor = camera() | {"type": "thinlens", "aperture_radius": radius, "focus_distance": focus, "to_world": transform()}
+    wall = {"type": "rectangle", "to_world": transform().translate([0, 0, z]).rotate([0, 1, 0], 180).scale(9)}
+    scene = mi.load_dict({"type": "scene", "sensor": sensor, "wall": wall, "light": POINT})
+    finding = plan(scene)["depth_of_field"]
+    pixel = 2 * z * np.tan(np.radians(45 / 2)) / 16
+    expected = radius * (z / focus - 1) / pixel
+    assert float(finding.evidence.split()[-2]) == pytest.approx(expected, rel=0.03)
+
+
+CONVEX = {
+    "plane": lambda: stage(light=POINT),
+    "ball": lambda: mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": camera() | {"to_world": transform().look_at([0, 0.6, 2], [0, 0.6, 0], [0, 1, 0])},
+            "ball": ball(GREY) | {"radius": 0.9},
+            "light": {"type": "point", "position": [1, 2, 4], "intensity": 4.0},
+        }
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CONVEX)
+def test_a_convex_body_does_not_light_itself(name):
+    finding = plan(CONVEX[name]())["interreflection"]
+    assert not finding.called_for
+    assert "0 % meet a surface" in finding.evidence
+    assert finding.bound["relative"] <= effects.NEGLIGIBLE
+
+
+def test_a_ball_on_a_floor_is_lit_by_it():
+    finding = plan(stage(ball=ball(GREY), light=POINT))["interreflection"]
+    assert finding.called_for
+    assert finding.bound is None
+
+
+def far(size):
+    """A floor and a ball under a ball of light that is far away and out of view."""
+    lamp = {"type": "sphere", "center": [10, 100, 30], "radius": size}
+    return stage(ball=ball(GREY), light=lamp | {"emitter": {"type": "area", "radiance": 2000 / size**2}})
+
+
+def test_a_small_light_far_away_is_judged_by_its_bound():
+    finding = plan(far(0.05))["soft_shadows"]
+    assert not finding.called_for
+    assert "seen in an angle of up to 0.001" in finding.evidence
+    assert finding.bound["relative"] <= effects.NEGLIGIBLE
+    large = plan(far(5.0))["soft_shadows"]
+    assert large.called_for
+    assert large.bound is None
+
+
+# ---- Bounds are true
+
+
+def change(scene, effect, spp=1024):
+    """The mean absolute change of the pixels' luminance if an effect is left out, and its relative value."""
+    pictures = []
+    for wanted in (effects.NAMES, [name for name in effects.NAMES if name != effect]):
+        made = {"type": "distribution", "effects": effects.spell(effects.parse(wanted))}
+        picture = mi.render(scene, integrator=mi.load_dict(made), spp=spp)
+        pictures.append(np.array(picture, np.float64) @ [0.212671, 0.71516, 0.072169])
+    with_it, without = pictures
+    return abs(with_it - without).mean(), abs(with_it - without).mean() / with_it.mean()
+
+
+BOUNDS = {
+    "soft_shadows": lambda: far(1.0),
+    "depth_of_field": lambda: stage(lens(0.03), floor=checker(), light=POINT),
+    "interreflection": lambda: stage(light=light("rectangle", to_world=face_down([0.5, 3, 1], 0.3), bsdf=BLACK)),
+}
+
+
+@pytest.mark.parametrize("effect", BOUNDS)
+def test_leaving_an_effect_out_changes_less_than_its_bound(effect):
+    scene = BOUNDS[effect]()
+    bound = plan(scene)[effect].bound
+    absolute, relative = change(scene, effect)
+    assert absolute < bound["radiance"]
+    assert relative < bound["relative"]
+
+
+def test_a_bound_is_no_larger_than_it_has_to_be():
+    """A pilot that measured noise would find a bound many times the change."""
+    scene = far(1.0)
+    assert plan(scene)["soft_shadows"].bound["relative"] < 20 * change(scene, "soft_shadows")[1]
+
+
+# ---- Editing
+
+EDITS = {
+    "lamp's size": (lambda: far(0.05), "light.radius", 5.0, "soft_shadows"),
+    "aperture": (
+        lambda: stage(lens(1e-5), floor=checker(), light=POINT),
+        "sensor.aperture_radius",
+        0.3,
+        "depth_of_field",
+    ),
+    "reflectance": (
+        lambda: stage(floor={"type": "diffuse", "reflectance": 0.0}, ball=ball(GREY), light=POINT),
+        "floor.bsdf.reflectance.value",
+        mi.Color3f if False else [0.5, 0.5, 0.5],
+        "interreflection",
+    ),
+}
