@@ -12,11 +12,12 @@ import numpy as np
 from whitted.replicates import box_sensor, replicate, seeds
 
 ALBEDO = 0.5
+FOV_DEG = 0.01  # of the one pixel
 MITSUBA = ("independent", "stratified", "multijitter", "orthogonal", "ldsampler")
-HEIGHT = 10.0  # of the light over the blocker's floor
+HEIGHT = 10.0  # of the light behind the blocker
 
 
-def radiance(things, integrator, origin, direction, spp=16, seed=1, **options):
+def radiance(things, integrator, origin, direction, spp=16, seed=1, near_clip=1e-2, **options):
     """Return the radiance that comes to ``origin`` against ``direction``; options are the integrator's.
 
     Args:
@@ -26,8 +27,10 @@ def radiance(things, integrator, origin, direction, spp=16, seed=1, **options):
     """
     film = {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}, "pixel_format": "luminance"}
     film["component_format"] = "float32"
-    sensor = {"type": "radiancemeter", "origin": list(origin), "direction": list(direction), "film": film}
-    sensor["sampler"] = {"type": "multijitter", "sample_count": spp}
+    origin, direction = np.float64(origin), np.float64(direction)
+    to_world = mi.ScalarTransform4f().look_at(origin.tolist(), (origin + direction).tolist(), [0, 1, 0])
+    sensor = {"type": "perspective", "to_world": to_world, "fov": FOV_DEG, "near_clip": near_clip, "film": film}
+    sensor["sampler"] = {"type": "multijitter", "sample_count": spp}  # a radiancemeter would begin at an offset
     scene = mi.load_dict({"type": "scene", "sensor": sensor, **things}, optimize=False)
     effects = {"effects": "all"} if integrator == "distribution" else {}
     made = mi.load_dict({"type": integrator} | effects | options)
@@ -85,7 +88,7 @@ def gap_at_light(spp=16):
 def contact(spp=16):
     """The widest gap between a floor and a blocker that lets light pass, at the distance x from the origin: none does.
 
-    Gaps are powers of ten up to 100, from the resolution of the coordinates in float32 on, 16 units in the last place.
+    It is bisected between 16 units in the last place of the coordinates in float32 and 100.
     """
 
     def lit(name, at, gap):
@@ -94,12 +97,17 @@ def contact(spp=16):
             "blocker": plane(gap, 10 + at / 100, (at, 0), bsdf=diffuse()),
             "sun": {"type": "directional", "direction": [0, 0, -1], "irradiance": np.pi / ALBEDO},
         }
-        return radiance(things, name, [at, 0, gap / 2], [0, 0, -1], spp, max_depth=2) > 0
+        off_diagonal = [at + 0.3, 0.2, gap / 2]  # rays at the edge of two triangles may miss both
+        return radiance(things, name, off_diagonal, [0, 0, -1], spp, near_clip=gap / 8, max_depth=2) > 0
 
     def measure(name, at):
-        smallest = 16 * np.spacing(np.float32(max(at, 1)))
-        gaps = [gap for gap in np.logspace(-6, 2, 33) if gap >= smallest]
-        return max((float(gap) for gap in gaps if lit(name, at, gap)), default=0.0)
+        dark, leaks = 100.0, float(16 * np.spacing(np.float32(max(at, 1))))
+        if not lit(name, at, leaks):
+            return 0.0
+        while dark / leaks > 1.1:
+            middle = np.sqrt(dark * leaks)
+            dark, leaks = (dark, middle) if lit(name, at, middle) else (middle, leaks)
+        return leaks
 
     return columns([0, 10, 1e3, 1e5], lambda at: 0.0, ("path", "distribution"), measure)
 
@@ -142,13 +150,13 @@ def blends(spp=1 << 14):
 
 
 def hidden(spp=1 << 10):
-    """A floor under a point light, seen through a hidden light at the share x of the way."""
+    """The top of a ball under a point light, seen through a hidden light at the share x of the way."""
     origin, direction = np.array([3.0, 0.0, 3.0]), np.array([-1.0, 0.0, -1.0])
 
     def measure(name, share):
         x, _, z = origin + 3 * share * direction
         things = {
-            "floor": plane(half=10, bsdf=diffuse()),
+            "ball": {"type": "sphere", "center": [0, 0, -1], "radius": 1.0, "bsdf": diffuse()},
             "panel": plane(z, 0.1, (x, 0), emitter={"type": "area", "radiance": 1.0}),
             "light": {"type": "point", "position": [-0.5, 0, 1], "intensity": np.pi / ALBEDO},
         }

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from whitted import files
+from whitted.defects import known_defects
 from whitted.errors import UsageError
 from whitted.path_classes import Classes, compare_classes, describe, has_null
 from whitted.replicates import box_sensor, replicate, seeds, whole_grid
@@ -193,9 +194,16 @@ def check(
             notes += (
                 f"a first difference was {confirmed} by fresh replicates of {CONFIRM_FACTOR} times the samples",
             )
+    verdict, reason = found.verdict, found.reason
+    if verdict == "differ" and (defects := [d for side in sides for d in known_defects(scene.mitsuba, side)]):
+        verdict, reason = (
+            "not comparable",
+            f"they differ, and Mitsuba is known to be wrong here: {defects[0]}",
+        )
+        notes += tuple(f"also known: {defect}" for defect in defects[1:])
     return Agreement(
-        found.verdict,
-        found.reason,
+        verdict,
+        reason,
         spp=spp,
         replicates=replicates,
         seconds=clock.perf_counter() - start,

@@ -34,8 +34,9 @@ LISTED = 3  # names given as evidence
 class Finding:
     """Whether a scene calls for an effect.
 
-    ``dimensions`` are the numbers that one sample draws for it (at each vertex); ``bound``, where a pilot decided, the
-    95 % upper bound of what leaving it out changes: ``radiance`` (mean absolute, luminance) and ``relative`` to the mean.
+    ``dimensions`` are the numbers that one sample draws for it (at each vertex); ``bound``, where a pilot decided,
+    the 95 % upper bound of what leaving it out changes: ``radiance`` (mean absolute, luminance), ``relative`` to the
+    mean.
     ``cost``, where it was measured: the ``operations`` that the effect adds to the kernel, its ``share_of_time``.
     """
 

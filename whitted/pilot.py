@@ -14,16 +14,14 @@ from whitted.sampling.draws import Draws, joint_dimensions
 from whitted.sampling.groups import Segments, opaque_seed
 from whitted.sampling.sequences import hash4
 
-SAMPLES = 1 << 17
+SAMPLES = 1 << 18
 EYE_COST = 2.0  # of all that precedes the lights of the first hit, in shadow rays
 MOST_SHARE = 16  # samples of a kind at the first hit
 BOUNCES = 6
 ERRORS, UNSEEN = 1.645, 3.0  # 95 %: standard errors, and how many rare events of a kind may not have come up
-EVIDENT = {
-    "interreflection": 0.01,
-    "depth_of_field": 0.5,
-    "soft_shadows": 0.02,
-}  # sizes: no need to look further
+# Sizes from which on there is no need to look further
+EVIDENT = {"interreflection": 0.01, "depth_of_field": 0.5, "soft_shadows": 0.02, "motion_blur": 0.0}
+ON_EYE_RAYS = ("depth_of_field", "motion_blur")
 
 
 class Pilot:
@@ -52,8 +50,10 @@ class Pilot:
             return True, "", None
         with dr.suspend_grad(), cropped(self.sensor):
             size, evidence = look()
-            if size > EVIDENT.get(effect, 0):
+            if size > EVIDENT[effect]:
                 return True, evidence, None
+            if size == 0 and effect in ON_EYE_RAYS:
+                return False, evidence, None
             bound = self._difference(effect, frozenset(called))
         return not bound["relative"] <= negligible, evidence, bound
 
@@ -89,12 +89,18 @@ class Pilot:
         joint = joint_dimensions(called)
         on, off = (self._radiance(plan, joint) for plan in (called, called - {effect}))
         finite = np.isfinite(on) & np.isfinite(off)
-        on, change = on[finite], np.abs(on - off)[finite]
+        change, mean = np.abs(on - off)[finite], on[finite].mean()
         seen = change.mean() + ERRORS * change.std() / np.sqrt(change.size)
-        radiance = seen + UNSEEN / change.size * np.abs(on).max(initial=0)
-        mean = on.mean()
+        changing = finite if effect in ON_EYE_RAYS else finite & ~self._sees_light()
+        radiance = seen + UNSEEN / change.size * np.abs(on[changing]).max(initial=0)
         relative = radiance / mean if mean > 0 else (0.0 if radiance == 0 else np.inf)
         return {"radiance": float(radiance), "relative": float(relative)}
+
+    def _sees_light(self):
+        """Which samples' eye rays meet a light, and so don't change with what follows: a bool array."""
+        ray, *_, active = self._eye_rays(frozenset({"antialiasing", *ON_EYE_RAYS}))
+        si = self.world.scene.ray_intersect(ray, active)
+        return (si.emitter(self.world.scene, active) != None).numpy()  # noqa: E711
 
     def _radiance(self, plan, joint):
         ray, weight, draws, _, active = self._eye_rays(plan)
@@ -151,9 +157,9 @@ class Pilot:
         def step(active, ray, was_diffuse, tries, hits, sampler):
             si = self.world.scene.ray_intersect(ray, active)
             met = active & si.is_valid()
-            hits += dr.select(met & was_diffuse, mi.UInt32(1), 0)
             sample, weight = si.bsdf().sample(context, si, sampler.next_1d(), sampler.next_2d(), met)
-            met &= ~dr.all(weight == 0)
+            met &= ~dr.all(weight == 0)  # black surfaces don't count
+            hits += dr.select(met & was_diffuse, mi.UInt32(1), 0)
             is_diffuse = met & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Diffuse)
             tries += dr.select(is_diffuse, mi.UInt32(1), 0)
             return met, si.spawn_ray(si.to_world(sample.wo)), is_diffuse, tries, hits, sampler
@@ -177,7 +183,8 @@ class Pilot:
             return np.pi, "its angle may be large"
         ray, *_, active = self._eye_rays(frozenset())
         si = self.world.scene.ray_intersect(ray, active)
-        p = np.array(si.p).T[si.is_valid().numpy()][:: SAMPLES >> 12]
+        receives = si.is_valid() & (si.emitter(self.world.scene) == None)  # noqa: E711
+        p = np.array(si.p).T[receives.numpy()][:: SAMPLES >> 12]
         largest = max((_angle(p, *box) for box in lights.bounded.boxes), default=0.0)
         return largest, f"seen in an angle of up to {largest:.2g} rad"
 

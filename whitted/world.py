@@ -67,6 +67,7 @@ class World:
 
     def lights(self, as_points=False):
         """Return the `Lights` of the scene, ready to be sampled by distribution."""
+        as_points = as_points and self.has_visible_emitters  # else they are points anyway
         if as_points not in self._lights:
             self._lights[as_points] = Lights(self.scene, as_points)
         return self._lights[as_points]

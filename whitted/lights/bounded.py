@@ -61,8 +61,8 @@ class BoundedLights:
         self.boxes = list(zip(parts.lower, parts.upper, strict=True))
         if not self.count:
             return
-        # Arrays in memory are data, one kernel serves all values; from lists, as NumPy's memory may lie unaligned, which
-        # makes another kernel
+        # Arrays in memory are data: one kernel serves all values. From lists, since NumPy's memory may lie unaligned,
+        # which makes another kernel
         self.kind, self.emitter = mi.UInt32(parts.kind.tolist()), mi.UInt32(parts.emitter.tolist())
         self.geometry = [mi.Float(column.tolist()) for column in parts.geometry.T]
         self.colour = [mi.Float(column.tolist()) for column in parts.radiance.T]

@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 RECTANGLE, TRIANGLE, DISK, SPHERE, POINT, MITSUBA = range(6)
+LATTICE = 64  # places along each side at which a texture is looked at
 PROBES = 256  # samples that measure what is not known of an emitter
 TOLERANCE = 1e-4  # relative, within which a shape counts as flat, round or rectangular
 
@@ -128,7 +129,7 @@ def _table(rows, only_met):
 def mean_radiance(emitter, shape):
     """Return the mean radiance of an area light on a shape, one value for each colour (``float64``)."""
     is_uniform = not int(emitter.flags()) & mi.EmitterFlags.SpatiallyVarying
-    places = shape.sample_position(0.0, _points(1 if is_uniform else PROBES))
+    places = shape.sample_position(0.0, _points(1) if is_uniform else _lattice())
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(places.p))
     si.p, si.n, si.uv, si.wi = places.p, places.n, places.uv, mi.Vector3f(0, 0, 1)
     if mi.is_spectral:
@@ -149,6 +150,13 @@ def _points(count, dimensions=2):
     """The same random points each time."""
     u = np.random.default_rng(0).random((dimensions, count), np.float32)
     return mi.Point2f(u) if dimensions == 2 else [mi.Float(row) for row in u]
+
+
+def _lattice():
+    """The middles of the cells of a regular grid."""
+    middles = (np.arange(LATTICE) + 0.5) / LATTICE
+    x, y = np.meshgrid(middles, middles)
+    return mi.Point2f(x.ravel().tolist(), y.ravel().tolist())
 
 
 def _whole(emitter, shape):
