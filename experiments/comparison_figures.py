@@ -56,6 +56,10 @@ def errors(found, path):
             if row == 1:
                 axis.axvline(seconds, color="0.6", linewidth=0.8, zorder=0, label="time compared")
             axis.set(xscale="log", yscale="log", xlabel=name)
+            if row == 0:
+                axis.set_xticks(comparison.SPP[: int(np.log2(axis.get_xlim()[1]) / 2)])
+                axis.xaxis.set_major_formatter("{x:.0f}")
+            axis.xaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
             axis.grid(which="major", color="0.9", linewidth=0.6)
             if row == 0 or rows == 1:
                 axis.set_title(f"against Mitsuba's {integrator}", fontsize=10)
@@ -101,7 +105,8 @@ def maps(found, reference, path):
     axes[1, 0].text(
         0.5,
         0.5,
-        f"{found['settings']['scene']}\n{seconds:.2g} kernel seconds each\n\nright: root mean\nsquare error of\neach pixel",
+        f"{found['settings']['scene']}\n{seconds:.2g} kernel seconds each\n\n"
+        "right: root mean\nsquare error of\neach pixel",
         ha="center",
         va="center",
         fontsize=10,

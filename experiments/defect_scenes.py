@@ -1,7 +1,7 @@
-"""Where Mitsuba 3.9.1 is wrong: radiance along one ray in scenes that have a closed form, by its integrators and by ours.
+"""Where Mitsuba 3.9.1 is wrong: radiance along one ray in scenes that have a closed form, by it and by us.
 
-Each function returns columns: ``x``, ``truth`` (NumPy, double precision), and one for each integrator. Left out: what has
-no closed form, but for the mean of the Cornell box, where a sampler's bias shows against the others.
+Each function returns columns: ``x``, ``truth`` (NumPy, double precision), and one for each integrator. Left out: what
+has no closed form, but for the mean of the Cornell box, where a sampler's bias shows against the others.
 """
 
 import whitted  # noqa: I001, first, since it finds LLVM before drjit looks for one
@@ -25,12 +25,27 @@ def radiance(things, integrator, origin, direction, spp=16, seed=1, near_clip=1e
         integrator: name.
         origin, direction: [3].
     """
-    film = {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}, "pixel_format": "luminance"}
+    film = {
+        "type": "hdrfilm",
+        "width": 1,
+        "height": 1,
+        "rfilter": {"type": "box"},
+        "pixel_format": "luminance",
+    }
     film["component_format"] = "float32"
     origin, direction = np.float64(origin), np.float64(direction)
     to_world = mi.ScalarTransform4f().look_at(origin.tolist(), (origin + direction).tolist(), [0, 1, 0])
-    sensor = {"type": "perspective", "to_world": to_world, "fov": FOV_DEG, "near_clip": near_clip, "film": film}
-    sensor["sampler"] = {"type": "multijitter", "sample_count": spp}  # a radiancemeter would begin at an offset
+    sensor = {
+        "type": "perspective",
+        "to_world": to_world,
+        "fov": FOV_DEG,
+        "near_clip": near_clip,
+        "film": film,
+    }
+    sensor["sampler"] = {
+        "type": "multijitter",
+        "sample_count": spp,
+    }  # a radiancemeter would begin at an offset
     scene = mi.load_dict({"type": "scene", "sensor": sensor, **things}, optimize=False)
     effects = {"effects": "all"} if integrator == "distribution" else {}
     made = mi.load_dict({"type": integrator} | effects | options)
@@ -130,22 +145,27 @@ def transparent(spp=1 << 10):
         }
         return radiance(things, name, [1, 0, 1], [-1, 0, -1], spp, max_depth=3)
 
-    return columns(
-        range(3), lambda number: passed[number], ("path", "volpath", "distribution"), measure
-    )
+    return columns(range(3), lambda number: passed[number], ("path", "volpath", "distribution"), measure)
 
 
 def blends(spp=1 << 14):
     """A blend of a mirror (reflectance 0.9) and, by the weight x, a grey surface (0.2), under a sky of radiance 1."""
 
     def measure(name, weight):
-        mirror = {"type": "conductor", "material": "none", "specular_reflectance": {"type": "rgb", "value": 0.9}}
+        mirror = {
+            "type": "conductor",
+            "material": "none",
+            "specular_reflectance": {"type": "rgb", "value": 0.9},
+        }
         blend = {"type": "blendbsdf", "weight": float(weight), "a": mirror, "b": diffuse(0.2)}
         things = {"floor": plane(bsdf=blend), "sky": {"type": "constant", "radiance": 1.0}}
         return radiance(things, name, [1, 0, 1], [-1, 0, -1], spp, max_depth=2)
 
     return columns(
-        np.linspace(0, 1, 9), lambda weight: 0.9 * (1 - weight) + 0.2 * weight, ("path", "distribution"), measure
+        np.linspace(0, 1, 9),
+        lambda weight: 0.9 * (1 - weight) + 0.2 * weight,
+        ("path", "distribution"),
+        measure,
     )
 
 
@@ -180,8 +200,8 @@ def correlations(samples=64, pixels=1 << 12):
     return found
 
 
-def cornell_means(side=64, spp=256, replicates=8):
-    """The picture's mean of the Cornell box, by `path` with each sampler and by `distribution`, and its standard error."""
+def cornell_means(side=64, spp=256, replicates=16):
+    """The picture's mean of the Cornell box in each replicate, by `path` with each sampler and by `distribution`."""
     scene = whitted.load("cornell_box", width=side, height=side, max_depth=8, integrator="path").mitsuba
     sides = {f"path, {name}": ("path", name) for name in (*MITSUBA, "owen_sobol")}
     sides["distribution"] = ("distribution", "independent")
@@ -191,6 +211,6 @@ def cornell_means(side=64, spp=256, replicates=8):
         camera = box_sensor(scene.sensors()[0], sampler)
         count = 289 if sampler == "orthogonal" else spp
         chosen = seeds(0, 7919 * number, replicates)
-        means = [replicate(made, scene, camera, seed, count).mean(dtype=np.float64) for seed in chosen]
-        found[label] = [float(np.mean(means)), float(np.std(means, ddof=1) / np.sqrt(replicates))]
+        pictures = (replicate(made, scene, camera, seed, count) for seed in chosen)
+        found[label] = [float(picture.mean(dtype=np.float64)) for picture in pictures]
     return found

@@ -10,7 +10,7 @@ import numpy as np
 
 RESAMPLES = 2000
 INTERVAL = (2.5, 97.5)  # percentiles
-SPREAD = 1 + 1e-6  # between equal times
+SPREAD = 1 + 1e-6  # at least, between one time and the next
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ def _power(x, y, at):
     """Interpolate positive ``y`` over ``x``, both by their logarithms; times out of order are raised to make one."""
     if not (y > 0).all():
         return np.nan
-    x = np.maximum.accumulate(x) * SPREAD ** np.arange(len(x))
+    steps = SPREAD ** np.arange(len(x))
+    x = np.maximum.accumulate(x / steps) * steps
     i = np.clip(np.searchsorted(x, at) - 1, 0, len(x) - 2)
     slope = np.log(y[i + 1] / y[i]) / np.log(x[i + 1] / x[i])
     return float(y[i] * (at / x[i]) ** slope)

@@ -13,6 +13,7 @@ import defect_scenes
 import matplotlib
 import mitsuba as mi
 import numpy as np
+from scipy import stats
 
 from whitted import files
 
@@ -24,7 +25,6 @@ DOCS = Path(__file__).parents[1] / "docs" / "images"
 SMALL = {"side": 24, "spp": 64, "replicates": 4}
 COLOURS = {"path": "#d55e00", "direct": "#e69f00", "volpath": "#56b4e9", "distribution": "black"}
 PANES = ("null", "mask 0.5", "thin glass")
-SIGMAS = 1.96
 
 
 def measure(small):
@@ -35,14 +35,15 @@ def measure(small):
     return found | {"cornell_means": defect_scenes.cornell_means(**(SMALL if small else {}))}
 
 
-def worst(found, name):
-    """The largest absolute error of one integrator, and the x where it is."""
-    errors = np.abs(np.array(found[name]) - found["truth"])
+def worst(found, name, relative):
+    """The largest error of one integrator, absolute or relative, and the x where it is."""
+    truth = np.array(found["truth"])
+    errors = np.abs(np.array(found[name]) - truth) / (truth if relative else 1)
     return errors.max(), found["x"][int(errors.argmax())]
 
 
 def table(found):
-    """Print the largest error of each integrator in each case; the truth is 1 or below in all of them, or 0."""
+    """Print the largest error of each integrator in each case."""
     what = {
         "small_spheres": ("ball light of radius / distance x: radiance of the floor", True),
         "gap_at_light": ("blocker at x of 10 before a point light: light that passes", False),
@@ -55,24 +56,27 @@ def table(found):
         print(f"{words}; largest {'relative ' if relative else ''}error")
         for integrator in COLOURS:
             if integrator in found[name]:
-                error, x = worst(found[name], integrator)
-                scale = max(found[name]["truth"]) if relative else 1
-                print(f"  {integrator:14} {error / scale:9.2g}  at x = {x:.2g}")
+                error, x = worst(found[name], integrator, relative)
+                print(f"  {integrator:14} {error:9.2g}  at x = {x:.2g}")
     print("largest correlation of two of the first eight numbers of a sample; truth 0")
     for name, value in found["correlations"].items():
         print(f"  {name:14} {value:9.4f}")
-    print("Cornell box, 8 segments, mean of the picture relative to path with the samplers but ldsampler [95 %]")
-    for label, (value, error) in cornell(found).items():
-        print(f"  {label:18} {100 * value:+.3f} % +- {100 * SIGMAS * error:.3f}")
+    print(
+        "Cornell box, 8 segments, mean of the picture relative to path with the samplers but ldsampler [95 %]"
+    )
+    for label, (value, half) in cornell(found).items():
+        print(f"  {label:18} {100 * value:+.3f} % +- {100 * half:.3f}")
 
 
 def cornell(found):
-    """Means relative to the precision-weighted mean of `path` with all samplers but `ldsampler`, and their errors."""
-    means = found["cornell_means"]
-    pooled = [means[label] for label in means if label.startswith("path") and "ldsampler" not in label]
-    weights = 1 / np.array(pooled)[:, 1] ** 2
-    truth = (np.array(pooled)[:, 0] * weights).sum() / weights.sum()
-    return {label: (value / truth - 1, error / truth) for label, (value, error) in means.items()}
+    """Return each mean relative to that of `path` with all samplers but `ldsampler`, and half its 95 % interval."""
+    values = np.array(list(found["cornell_means"].values()))
+    labels, count = list(found["cornell_means"]), values.shape[1]
+    means, errors = values.mean(axis=1), values.std(axis=1, ddof=1) / np.sqrt(count)
+    chosen = [label.startswith("path") and "ldsampler" not in label for label in labels]
+    truth = np.average(means[chosen], weights=1 / errors[chosen] ** 2)
+    half = stats.t.ppf(0.975, count - 1) * errors / truth
+    return dict(zip(labels, zip(means / truth - 1, half, strict=True), strict=True))
 
 
 def lines(axis, found, change=lambda y, truth: y, **style):
@@ -81,20 +85,27 @@ def lines(axis, found, change=lambda y, truth: y, **style):
         if name in found:
             y = change(np.array(found[name]), np.array(found["truth"]))
             own = name == "distribution"
-            marker = {"marker": "o", "markersize": 4, "zorder": 3} if own else {"marker": "x", "markersize": 6}
+            marker = (
+                {"marker": "o", "markersize": 4, "zorder": 3}
+                if own
+                else {"marker": "x", "markersize": 8, "zorder": 4}
+            )
             axis.plot(found["x"], y, color=colour, label=name, **marker, linewidth=1.4, **style)
 
 
 def draw(found, path):
     """Draw a panel for each case."""
-    figure, axes = plt.subplots(2, 4, figsize=(15.5, 7), layout="constrained")
+    figure, axes = plt.subplots(2, 4, figsize=(15.5, 7.3), layout="constrained")
+    figure.get_layout_engine().set(h_pad=0.12)
     axes = axes.ravel()
 
     lines(axes[0], found["small_spheres"], lambda y, truth: np.abs(y / truth - 1) + 1e-8)
     axes[0].set(xscale="log", yscale="log", ylim=(3e-9, 10), xlabel="radius / distance")
     axes[0].set(title="small ball light", ylabel="relative error of the radiance, plus 1e-8")
     lines(axes[1], found["gap_at_light"])
-    axes[1].set(xscale="log", xlabel="distance of the blocker from the light", ylabel="share of light that passes")
+    axes[1].set(
+        xscale="log", xlabel="distance of the blocker from the light", ylabel="share of light that passes"
+    )
     axes[1].set(title="blocker before a light at 10; truth 0")
     lines(axes[2], found["contact"])
     axes[2].set_xscale("symlog", linthresh=10, linscale=0.6)
@@ -102,7 +113,9 @@ def draw(found, path):
     axes[2].set(ylim=(-1e-5, 30), title="contact shadow; truth 0", xlabel="distance from the origin")
     axes[2].set_ylabel("widest gap that leaks")
     lines(axes[4], found["blends"], lambda y, truth: y / truth - 1)
-    axes[4].set(title="blend of mirror and diffuse", xlabel="weight of the diffuse one", ylabel="relative error")
+    axes[4].set(
+        title="blend of mirror and diffuse", xlabel="weight of the diffuse one", ylabel="relative error"
+    )
     lines(axes[5], found["hidden"], lambda y, truth: y / truth)
     axes[5].set(title="ball behind a hidden light", xlabel="share of the way", ylabel="radiance / truth")
     _bars(axes[3], found["transparent"])
@@ -132,6 +145,9 @@ def _bars(axis, found):
     for number, name in enumerate(names):
         x = np.arange(len(PANES)) + 0.27 * (number - 1)
         axis.bar(x, found[name], 0.24, color=COLOURS[name])
+        for at, value in zip(x, found[name], strict=True):
+            if value == 0:
+                axis.text(at, 0.01, "0", color=COLOURS[name], ha="center")
     for number, truth in enumerate(found["truth"]):
         axis.plot([number - 0.45, number + 0.45], [truth, truth], color="#009e73", linewidth=2, label="truth")
     axis.set_xticks(range(len(PANES)), PANES)
@@ -139,9 +155,9 @@ def _bars(axis, found):
 
 
 def _cornell(axis, means):
-    for number, (label, (value, error)) in enumerate(means.items()):
+    for number, (label, (value, half)) in enumerate(means.items()):
         colour = COLOURS["distribution" if label == "distribution" else "path"]
-        axis.errorbar(100 * value, number, xerr=100 * SIGMAS * error, color=colour, marker="o", capsize=3)
+        axis.errorbar(100 * value, number, xerr=100 * half, color=colour, marker="o", capsize=3)
     axis.axvline(0, color="#009e73", linewidth=1.5, zorder=0)
     axis.set_yticks(range(len(means)), means, fontsize=9)
     axis.invert_yaxis()

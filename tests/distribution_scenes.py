@@ -84,7 +84,7 @@ def assert_same(found, expected, detectable=DETECTABLE):
     assert difference.bias < detectable, difference
 
 
-def assert_agrees(scene, integrator=DISTRIBUTION, spp=64, truth=None, detectable=DETECTABLE):
+def assert_agrees(scene, integrator=DISTRIBUTION, spp=64, truth=None, detectable=DETECTABLE, **options):
     """Assert that ``distribution`` and Mitsuba make the same picture.
 
     By itself with all effects and with those found, and nested.
@@ -95,12 +95,13 @@ def assert_agrees(scene, integrator=DISTRIBUTION, spp=64, truth=None, detectable
         spp: samples per pixel of each of 16 pictures.
         truth: another scene, for Mitsuba, of the same light.
         detectable: the smallest bias that has to be seen.
+        options: of the reference, beside ``max_depth``.
 
     Returns:
         Our pictures and Mitsuba's.
     """
     truth = truth or scene
-    expected = renders(truth, reference(truth, max_depth=integrator["max_depth"]), spp)
+    expected = renders(truth, reference(truth, max_depth=integrator["max_depth"], **options), spp)
     found = renders(scene, integrator, spp)
     assert_same(found, expected, detectable)
     assert_same(renders(scene, with_effects_found(scene, integrator), spp), expected, detectable)

@@ -1,7 +1,7 @@
 """The scenes of the distributed effects: their three sizes, and what the first comment of each claims to be exact.
 
-Seeds are fixed. Had they been drawn at random, a comparison of a mean with its closed form would fail for correct code
-at 5 standard errors, so with 6e-7, and this file with less than 1e-4.
+Seeds are fixed. Had they been drawn at random, a comparison of means with their closed form would fail for correct code
+at 5 standard errors, so with 6e-7 for each of some 100 means, and this file with less than 1e-4.
 """
 
 import importlib.util
@@ -10,18 +10,26 @@ from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from effect_scenes import (
+    MIXED,
+    SINGLE,
+    SIZES,
+    agree,
+    defaults_of,
+    floor_point,
+    irradiance_samples,
+    lambert,
+    load,
+)
+from effect_scenes import seen, sizes_of, text_of
 from scipy import signal, stats
 
 import whitted
-from whitted.scene import shipped, shipped_path
+from whitted.scene import shipped
 
-SINGLE = ("soft_shadows", "open_floor", "gloss", "depth_of_field", "translucency", "interreflection")
-MIXED = ("pool_balls", "mixed_lens_penumbra", "mixed_glass")
-SIZES = ("small", "medium", "large")
 OBJECTS = {
     "integrator",
     "sensor",
@@ -34,79 +42,6 @@ OBJECTS = {
     "emitter",
     "spectrum",
 }
-ROUNDING = 3e-5  # relative: parameters of six digits, and geometry in single precision
-
-
-def text_of(name):
-    return Path(shipped_path(name)).read_text(encoding="utf-8")
-
-
-def defaults_of(name):
-    root = ElementTree.fromstring(text_of(name))
-    return {element.get("name"): element.get("value") for element in root.findall("default")}
-
-
-def sizes_of(name):
-    """The parameters of each size, as the first comment lists them: ``Sizes: small a=1 b=2; medium ...; large ....``"""
-    listed = " ".join(re.search(r"^Sizes: (.*?)\.$", text_of(name), re.DOTALL | re.MULTILINE)[1].split())
-    parts = (part.split() for part in listed.split("; "))
-    return {size: dict(pair.split("=") for pair in pairs) for size, *pairs in parts}
-
-
-def load(name, size="medium", **defines):
-    defines = {"integrator": "path", "width": 32, "height": 32} | defines
-    return whitted.load(name, **(sizes_of(name)[size] if name in SINGLE else {}) | defines).mitsuba
-
-
-def seen(scene, origin, target, spp=1, max_depth=2):
-    """What `path` gives along the rays from points towards points, ``float64`` [rays, spp, 3]."""
-    origin, target = np.broadcast_arrays(
-        *(np.atleast_2d(np.asarray(p, np.float32)) for p in (origin, target))
-    )
-    start, end = (mi.Point3f(np.repeat(p, spp, 0).T) for p in (origin, target))
-    ray = mi.RayDifferential3f(mi.Ray3f(start, dr.normalize(end - start)))
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(1, len(target) * spp)
-    integrator = mi.load_dict({"type": "path", "max_depth": max_depth})
-    colour = integrator.sample(scene, sampler, ray)[0]
-    return np.array(colour, np.float64).T.reshape(len(target), spp, 3)
-
-
-def agree(samples, expected, rounding=ROUNDING):
-    """Whether the means of samples, [rays, spp, channels], are the expected [rays or 1, channels or 1]."""
-    error = samples.std(1, ddof=1) / np.sqrt(samples.shape[1])
-    return bool((np.abs(samples.mean(1) - expected) <= 5 * error + rounding * np.abs(expected)).all())
-
-
-def floor_point(x, z):
-    return np.stack(np.broadcast_arrays(x, 0.0, z), -1).reshape(-1, 3).astype(float)
-
-
-def irradiance_samples(scene, points, spp):
-    """Samples of the irradiance of points of the floor y = 0, in the first channel's reflectance."""
-    start = points + [0, 0.05, 0]
-    ray = mi.Ray3f(mi.Point3f(start.T), mi.Vector3f(0, -1, 0))
-    si = scene.ray_intersect(ray)
-    reflectance = np.array(si.bsdf().eval_diffuse_reflectance(si), np.float64).T
-    return seen(scene, start, points, spp)[..., :1] * np.pi / reflectance[:, None, :1]
-
-
-def lambert(points, low, high):
-    """The irradiance of points, [N, 3], that face up, by a horizontal rectangle of radiance 1 (Lambert's formula).
-
-    ``low`` and ``high`` are its corners, [3] or [N, 3]; where they cross it is empty.
-    """
-    low, high = np.broadcast_to(low, points.shape), np.broadcast_to(high, points.shape)
-    x, y, z = low[:, 0], low[:, 1], low[:, 2]
-    right, far = np.maximum(high[:, 0], x), np.maximum(high[:, 2], z)
-    corners = np.array([[x, y, z], [x, y, far], [right, y, far], [right, y, z]]).transpose(0, 2, 1) - points
-    total = 0.0
-    for a, b in zip(corners, np.roll(corners, -1, 0), strict=True):
-        normal = np.cross(a, b)
-        length = np.linalg.norm(normal, axis=1)
-        angle = np.arctan2(length, (a * b).sum(1))
-        total = total + angle * normal[:, 1] / np.maximum(length, 1e-30)
-    return np.abs(total)[:, None] / 2
 
 
 def test_these_are_shipped():
@@ -136,6 +71,21 @@ def test_medium_is_the_default(name):
     assert tuple(sizes) == SIZES
     assert len({frozenset(values) for values in sizes.values()}) == 1
     assert sizes["medium"].items() <= defaults_of(name).items()
+
+
+SUBJECT = dict(zip(SINGLE, ["soft_shadows", "soft_shadows", *SINGLE[2:]], strict=True))
+
+
+@pytest.mark.parametrize("name", SINGLE)
+def test_one_effect_alone(name):
+    """Lights and rough surfaces count as several effects; of the rest each scene calls for its subject only."""
+    for size in SIZES:
+        plan = whitted.plan(load(name, size, integrator="distribution"))
+        assert SUBJECT[name] in plan
+        for other in {"depth_of_field", "motion_blur", "interreflection"} - {SUBJECT[name]}:
+            assert other not in plan
+        if SUBJECT[name] in ("depth_of_field", "interreflection"):
+            assert plan.effects == ["antialiasing", SUBJECT[name]]
 
 
 @pytest.mark.parametrize("name", SINGLE + MIXED)
@@ -254,51 +204,58 @@ def test_gloss_light_in_a_smooth_plate():
     radiance = seen(scene, eye, [3, 0, 0])[0]
     assert light.emitter() is not None
     assert radiance.mean() * 0.8**2 == pytest.approx(0.4, rel=1e-5)
-    target = c + [3 * before / (before + after), 0, 0]
+    target = [3 * before / (before + after), c[1], c[2]]
     assert agree(seen(scene, eye, target, 1 << 12), 0.8 * radiance, rounding=1e-3)
 
 
-FRONTS = {3: (-0.7644, -0.79), 4: (-0.364, -0.72), 6: (0.4805, -0.58), 12: (2.97, -0.16)}  # their middles
+FRONTS = {
+    3: (-0.7644, -0.79),
+    4: (-0.364, -0.72),
+    6: (0.4805, -0.58),
+    12: (2.97, -0.16),
+}  # depth, and their middles
+SIDE, FINE, SPP = 256, 8, 256
+PIXELS = SIDE / (2 * np.tan(np.radians(20)))  # per tangent of the angle to the axis
 
 
-def lens_chi_square(depth, scale=1.0, spp=256, side=256, fine=8):
-    """The chi-square, per pixel, of the front of a box in ``depth_of_field`` against its sharp picture blurred by a disk.
+def lens_window(depth, border, factor, aperture, spp):
+    """The red channel of the middle of a box's front in ``depth_of_field``, at ``factor`` times the size."""
+    half = int(0.07 * PIXELS) - 9 + border  # of what sees the front only, and not its frame
+    centre = SIDE / 2 + np.array([1, -1]) * FRONTS[depth] / depth * PIXELS
+    window = [*((np.round(centre) - half) * factor), *[2 * half * factor] * 2]
+    size = SIDE * factor
+    scene = whitted.load("depth_of_field", width=size, height=size, aperture_radius=aperture)
+    options = {"spp": spp, "seed": 4, "crop": [int(v) for v in window]}
+    return whitted.render(scene, "path:max_depth=2", **options).mean[..., 0].astype(float)
 
-    ``scale`` is a factor on the disk's radius. Returns the number of pixels, too.
+
+def lens_chi_square(depth, c, border=7):
+    """The sum of squared deviations, of unit variance, of a box's front from its sharp picture blurred by a disk.
+
+    ``c`` is the disk's radius in pixels. A pixel is the mean of ``SPP`` samples of one of two colours, so that its variance
+    is known; the number of pixels that see both is returned, too.
     """
-    pixels = side / (2 * np.tan(np.radians(20)))
-    c = scale * 0.1 * abs(1 / 6 - 1 / depth) * pixels
-    margin = int(np.ceil(c)) + 1
-    column, row = side / 2 + np.array([1, -1]) * FRONTS[depth] / depth * pixels
-    inner = int(0.07 * pixels) - margin - 2  # half the window that sees the front only
-    corner = np.array([round(column) - inner, round(row) - inner])
-
-    def front(aperture, factor, spp, border):
-        scene = whitted.load(
-            "depth_of_field", width=side * factor, height=side * factor, aperture_radius=aperture
-        )
-        window = [*((corner - border) * factor), *[2 * (inner + border) * factor] * 2]
-        return whitted.render(scene, "path:max_depth=2", spp=spp, seed=4, crop=[int(v) for v in window]).mean[
-            ..., 0
-        ]
-
-    picture, sharp = front(0.1, 1, spp, 0), front(1e-6, fine, 16, margin)
-    offset = np.arange(-margin * fine, margin * fine + 1)
-    disk = (np.add.outer(offset**2, offset**2) <= max(c * fine, 0.5) ** 2).astype(float)
-    blurred = signal.fftconvolve(sharp.astype(float), disk / disk.sum(), "valid")
-    mean = blurred.reshape(2 * inner, fine, 2 * inner, fine).mean((1, 3))
-    variance = (mean - sharp.min()) * (sharp.max() - mean) / spp  # of a sum of two colours
+    picture = lens_window(depth, 0, 1, 0.1, SPP)
+    sharp = lens_window(depth, border, FINE, 1e-6, 32)
+    offset = np.arange(-border * FINE, border * FINE + 1)
+    disk = (np.add.outer(offset**2, offset**2) <= (c * FINE) ** 2).astype(float)
+    blurred = signal.fftconvolve(sharp, disk / disk.sum(), "valid")
+    mean = blurred.reshape(len(picture), FINE, len(picture), FINE).mean((1, 3))
+    variance = (mean - sharp.min()) * (sharp.max() - mean) / SPP
     mixed = variance > 0.05 * variance.max()
-    return ((picture - mean)[mixed] ** 2 / variance[mixed]).mean(), mixed.sum()
+    return ((picture - mean)[mixed] ** 2 / variance[mixed]).sum(), mixed.sum()
 
 
 @pytest.mark.parametrize("depth", FRONTS)
 def test_circle_of_confusion(depth):
-    """Pixels are independent and nearly normal, so that the sum follows chi-square's law."""
-    found, count = lens_chi_square(depth)
-    assert stats.chi2.isf(1 - 1e-6, count) / count < found < stats.chi2.isf(1e-6, count) / count
-    if depth != 6:
-        assert lens_chi_square(depth, scale=1.15)[0] > stats.chi2.isf(1e-6, count) / count
+    """Pixels are independent and nearly normal, so that the sum follows chi-square's law; false alarms at 1e-5."""
+    c = 0.1 * abs(1 / 6 - 1 / depth) * PIXELS
+    assert c == pytest.approx({3: 5.86, 4: 2.93, 6: 0, 12: 2.93}[depth], abs=0.005)
+    found, count = lens_chi_square(depth, c)
+    assert count > 100
+    assert 0.5e-5 < stats.chi2.sf(found, count) < 1 - 0.5e-5
+    found, count = lens_chi_square(depth, 1.1 * c or 0.5)
+    assert stats.chi2.sf(found, count) < 0.5e-5
 
 
 def test_translucency_of_a_nearly_smooth_pane():
@@ -320,7 +277,7 @@ def test_interreflection_direct_light(size):
     axis = np.array([-0.9, 0.6, 0]) - light
     r = np.linalg.norm(points - light, axis=1)[:, None]
     assert ((points - light) @ axis / np.linalg.norm(axis) > r[:, 0] * np.cos(np.radians(28))).all()
-    value = seen(load("interreflection", size), points + [0, 0.05, 0], points)[:, 0]
+    value = seen(load("interreflection", size), points + np.array([0, 0.05, 0]), points)[:, 0]
     albedo = float(sizes_of("interreflection")[size]["albedo"])
     expected = albedo / np.pi * np.array([10.5, 10, 9.2]) * 1.9 / r**3
     np.testing.assert_allclose(value, expected, rtol=2e-4)

@@ -1,8 +1,8 @@
 """A short pilot of rays, for what the objects of a scene don't tell of the effects that it calls for.
 
 Geometry first, which is cheap: does anything move, how far does the lens blur, do diffuse surfaces see each other, how
-large are the lights seen from the surfaces. Where that leaves an effect close to nothing, the difference that it makes to
-the radiance of the same samples. Left out: light on paths that fewer than one sample in 10^5 meets.
+large are the lights seen from the surfaces. Where that leaves an effect close to nothing, the difference that it makes
+to the radiance of the same samples. Left out: light on paths that fewer than one sample in 10^5 meets.
 """
 
 import drjit as dr
@@ -60,9 +60,9 @@ class Pilot:
     def share(self, called):
         """Return how many samples of each kind of `SAMPLED` to take at the first hit, by the noise that each causes.
 
-        With the variances V and the costs C of a kind and of the rest of a sample, the noise of a given time is least with
-        sqrt(V_kind / V_rest * C_rest / C_kind) of them [ArvoKirk1990]. The variances are those of independent numbers:
-        one more run of the same samples has the numbers of one kind drawn anew, one has all.
+        With the variances V and the costs C of a kind and of the rest of a sample, the noise of a given time is least
+        with sqrt(V_kind / V_rest * C_rest / C_kind) of them [ArvoKirk1990]. The variances are those of independent
+        numbers: one more run of the same samples has the numbers of one kind drawn anew, one has all.
         """
         effects = frozenset(called)
         with dr.suspend_grad(), cropped(self.sensor):

@@ -2,7 +2,8 @@
 
 Mean squared errors, each curve through its measured samples per pixel, at the longest time that all methods have
 reached. "best" is the best of Mitsuba's unbiased pairs of integrator and sampler on that scene, `ldsampler` not among
-them. A target is met if the lower end of the 95 % interval reaches it. ``--small`` takes minutes, the large size an hour.
+them. A target is met if the lower end of the 95 % interval reaches it. ``--small`` takes minutes, the large size an
+hour; what `experiments/soft_shadows.py` and the like have measured is not measured again.
 """
 
 import sys

@@ -36,7 +36,7 @@ class Lights:
         self.environment = next((light for light in self.infinite if light.is_hittable), None)
 
     def pdf(self, si, p, n, active):
-        """Return the density (``Float``) with which ``sample`` of its group at ``p``, ``n`` finds the light at ``si``."""
+        """Return the density (``Float``) with which ``sample`` of its group at ``p`` finds the light at ``si``."""
         density = mi.Float(0)
         hit = si.is_valid()
         if self.bounded is not None and self.bounded.is_hittable:

@@ -70,7 +70,9 @@ def primitives_of(scene, as_points=False):
         flags, shape = int(emitter.flags()), shapes.get(emitter.ptr)
         if flags & mi.EmitterFlags.Infinite:
             continue
-        if shape is None and flags & mi.EmitterFlags.Surface or shape is not None and not _has_area(shape):
+        if (shape is None and flags & mi.EmitterFlags.Surface) or (
+            shape is not None and not _has_area(shape)
+        ):
             met = True
             continue
         on = registry_number(shape) if shape is not None else 0
