@@ -10,6 +10,7 @@ import whitted  # noqa: I001, first, since it finds LLVM before drjit looks for 
 
 import argparse
 import dataclasses
+import io
 import json
 import math
 import sys
@@ -197,7 +198,7 @@ def _complete(found, name, size, kept, pictures):
 
     bench = Bench(name, size.side)
     found["depth"] = bench.depth
-    found["plan"] = str(bench.integrators[OURS])
+    found["samples"] = bench.integrators[OURS].samples
     if "ladders" not in found:
         found["ladders"] = {label: bench.climb(label, size.seconds) for label in bench.methods}
         keep("samples per pixel chosen")
@@ -206,7 +207,7 @@ def _complete(found, name, size, kept, pictures):
             bench.render(label, 0, ladder["spp"][0])
     if "reference" not in found:
         reference, facts = bench.reference(found["ladders"])
-        np.savez_compressed(pictures, reference=reference)
+        _save(pictures, reference=reference)
         found["reference"] = facts
         keep("reference rendered")
     reference = np.load(pictures)["reference"]
@@ -262,7 +263,7 @@ def maps(found, reference):
         bench, made = Bench(settings["scene"], settings["side"]), curves(found)
         values = [_map(bench, label, made[label].spp_at(seconds), reference) for label in labels]
         spp, pictures, errors = map(np.array, zip(*values, strict=True))
-        np.savez_compressed(kept, labels=labels, spp=spp, pictures=pictures, errors=errors)
+        _save(kept, labels=labels, spp=spp, pictures=pictures, errors=errors)
     return {
         label: dict(zip(("spp", "picture", "error"), value, strict=True))
         for label, value in zip(labels, values, strict=True)
@@ -281,10 +282,18 @@ def _path(name, side, suffix):
     return FOLDER / f"{name}_{side}_{suffix}"
 
 
+def _save(path, **arrays):
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **arrays)
+    files.write(path, packed.getvalue())
+
+
 def arguments():
     """Return the size's name and whether to measure again, from the command line."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--force", action="store_true", help="measure again")
+    parser.add_argument(
+        "--force", action="store_true", help="measure again; if interrupted, go on without it"
+    )
     parser.add_argument("--small", action="store_true", help="small pictures, few replicates: minutes")
     chosen = parser.parse_args()
     return "small" if chosen.small else "large", chosen.force

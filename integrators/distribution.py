@@ -32,7 +32,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
     ``hide_emitters``           boolean eye rays pass through area emitters and don't see the            false
                                         environment
     ``effects``                 string  ``auto``: what the scene calls for; ``all``; or a list of names  auto
-    ``tree_depth``              integer up to this depth all branches of specular surfaces are followed, 2
+    ``tree_depth``              integer up to this depth all branches of specular surfaces are followed, 1
                                         below one is chosen at random
     ``light_samples``           integer shadow rays to each group of lights from the first hit, 1 to 64, 1
                                         or ``auto``: shared out by the noise that each effect causes
@@ -71,7 +71,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         self.rr_depth = props.get("rr_depth", 5)
         self.hide_emitters = bool(props.get("hide_emitters", False))
         self.effects = effects.parse(props.get("effects", "auto"))
-        self.tree_depth = props.get("tree_depth", 2)
+        self.tree_depth = props.get("tree_depth", 1)
         self.samples = {name: props.get(name, 1) for name in SAMPLES}
         _check("max_depth", self.max_depth, -1, 2**31 - 1)
         _check("rr_depth", self.rr_depth, 1, 2**31 - 1)

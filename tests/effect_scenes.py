@@ -1,4 +1,4 @@
-"""The scenes of the distributed effects in their sizes, and single rays of `path` in them to hold against closed forms."""
+"""The scenes of the distributed effects in their sizes, and what `path` sees in them, beside the closed forms of it."""
 
 import re
 from pathlib import Path
@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from scipy import signal
 
 import whitted
 from whitted.scene import shipped_path
@@ -14,6 +15,10 @@ from whitted.scene import shipped_path
 SINGLE = ("soft_shadows", "open_floor", "gloss", "depth_of_field", "translucency", "interreflection")
 MIXED = ("pool_balls", "mixed_lens_penumbra", "mixed_glass")
 SIZES = ("small", "medium", "large")
+# of the boxes in depth_of_field: depth, and middle
+FRONTS = {3: (-0.7644, -0.79), 4: (-0.364, -0.72), 6: (0.4805, -0.58), 12: (2.97, -0.16)}
+SIDE, FINE, SPP = 256, 8, 256
+PIXELS = SIDE / (2 * np.tan(np.radians(20)))  # per tangent of the angle to the axis
 ROUNDING = 3e-5  # relative: parameters of six digits, and geometry in single precision
 
 
@@ -87,3 +92,31 @@ def lambert(points, low, high):
         angle = np.arctan2(length, (a * b).sum(1))
         total = total + angle * normal[:, 1] / np.maximum(length, 1e-30)
     return np.abs(total)[:, None] / 2
+
+
+def lens_window(depth, border, factor, aperture, spp):
+    """The red channel of the middle of a box's front in ``depth_of_field``, at ``factor`` times the size."""
+    half = int(0.07 * PIXELS) - 9 + border  # of what sees the front only, and not its frame
+    centre = SIDE / 2 + np.array([1, -1]) * FRONTS[depth] / depth * PIXELS
+    window = [*((np.round(centre) - half) * factor), *[2 * half * factor] * 2]
+    size = SIDE * factor
+    scene = whitted.load("depth_of_field", width=size, height=size, aperture_radius=aperture)
+    options = {"spp": spp, "seed": 4, "crop": [int(v) for v in window]}
+    return whitted.render(scene, "path:max_depth=2", **options).mean[..., 0].astype(float)
+
+
+def lens_chi_square(depth, c, border=7):
+    """The sum of squared deviations, of unit variance, of a box's front from its sharp picture blurred by a disk.
+
+    ``c`` is the disk's radius in pixels. A pixel is the mean of ``SPP`` samples of one of two colours, so that
+    its variance is known; the number of pixels that see both is returned, too.
+    """
+    picture = lens_window(depth, 0, 1, 0.1, SPP)
+    sharp = lens_window(depth, border, FINE, 1e-6, 32)
+    offset = np.arange(-border * FINE, border * FINE + 1)
+    disk = (np.add.outer(offset**2, offset**2) <= (c * FINE) ** 2).astype(float)
+    blurred = signal.fftconvolve(sharp, disk / disk.sum(), "valid")
+    mean = blurred.reshape(len(picture), FINE, len(picture), FINE).mean((1, 3))
+    variance = (mean - sharp.min()) * (sharp.max() - mean) / SPP
+    mixed = variance > 0.05 * variance.max()
+    return ((picture - mean)[mixed] ** 2 / variance[mixed]).sum(), mixed.sum()

@@ -14,7 +14,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 from effect_scenes import (
+    FRONTS,
     MIXED,
+    PIXELS,
     SINGLE,
     SIZES,
     agree,
@@ -22,10 +24,13 @@ from effect_scenes import (
     floor_point,
     irradiance_samples,
     lambert,
+    lens_chi_square,
     load,
+    seen,
+    sizes_of,
+    text_of,
 )
-from effect_scenes import seen, sizes_of, text_of
-from scipy import signal, stats
+from scipy import stats
 
 import whitted
 from whitted.scene import shipped
@@ -80,7 +85,7 @@ SUBJECT = dict(zip(SINGLE, ["soft_shadows", "soft_shadows", *SINGLE[2:]], strict
 def test_one_effect_alone(name):
     """Lights and rough surfaces count as several effects; of the rest each scene calls for its subject only."""
     for size in SIZES:
-        plan = whitted.plan(load(name, size, integrator="distribution"))
+        plan = whitted.plan(load(name, size, integrator="distribution"), costs=False)
         assert SUBJECT[name] in plan
         for other in {"depth_of_field", "motion_blur", "interreflection"} - {SUBJECT[name]}:
             assert other not in plan
@@ -206,44 +211,6 @@ def test_gloss_light_in_a_smooth_plate():
     assert radiance.mean() * 0.8**2 == pytest.approx(0.4, rel=1e-5)
     target = [3 * before / (before + after), c[1], c[2]]
     assert agree(seen(scene, eye, target, 1 << 12), 0.8 * radiance, rounding=1e-3)
-
-
-FRONTS = {
-    3: (-0.7644, -0.79),
-    4: (-0.364, -0.72),
-    6: (0.4805, -0.58),
-    12: (2.97, -0.16),
-}  # depth, and their middles
-SIDE, FINE, SPP = 256, 8, 256
-PIXELS = SIDE / (2 * np.tan(np.radians(20)))  # per tangent of the angle to the axis
-
-
-def lens_window(depth, border, factor, aperture, spp):
-    """The red channel of the middle of a box's front in ``depth_of_field``, at ``factor`` times the size."""
-    half = int(0.07 * PIXELS) - 9 + border  # of what sees the front only, and not its frame
-    centre = SIDE / 2 + np.array([1, -1]) * FRONTS[depth] / depth * PIXELS
-    window = [*((np.round(centre) - half) * factor), *[2 * half * factor] * 2]
-    size = SIDE * factor
-    scene = whitted.load("depth_of_field", width=size, height=size, aperture_radius=aperture)
-    options = {"spp": spp, "seed": 4, "crop": [int(v) for v in window]}
-    return whitted.render(scene, "path:max_depth=2", **options).mean[..., 0].astype(float)
-
-
-def lens_chi_square(depth, c, border=7):
-    """The sum of squared deviations, of unit variance, of a box's front from its sharp picture blurred by a disk.
-
-    ``c`` is the disk's radius in pixels. A pixel is the mean of ``SPP`` samples of one of two colours, so that its variance
-    is known; the number of pixels that see both is returned, too.
-    """
-    picture = lens_window(depth, 0, 1, 0.1, SPP)
-    sharp = lens_window(depth, border, FINE, 1e-6, 32)
-    offset = np.arange(-border * FINE, border * FINE + 1)
-    disk = (np.add.outer(offset**2, offset**2) <= (c * FINE) ** 2).astype(float)
-    blurred = signal.fftconvolve(sharp, disk / disk.sum(), "valid")
-    mean = blurred.reshape(len(picture), FINE, len(picture), FINE).mean((1, 3))
-    variance = (mean - sharp.min()) * (sharp.max() - mean) / SPP
-    mixed = variance > 0.05 * variance.max()
-    return ((picture - mean)[mixed] ** 2 / variance[mixed]).sum(), mixed.sum()
 
 
 @pytest.mark.parametrize("depth", FRONTS)

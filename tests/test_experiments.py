@@ -85,7 +85,7 @@ def test_equal_time_is_no_equal_number_of_samples():
 
 
 def test_intervals_of_ratios_hold_the_truth():
-    """Those of 16 renders are a bit too narrow: 93 % hold it. Of 200, 88 to 99 % do with a probability of 99 %."""
+    """Those of 16 renders are a bit too narrow: 93 % hold it. Of 200, 86 to 99 % do with a probability of 99.9 %."""
     others = [curve(error=2.0, noise=0.1, seed=2 * k) for k in range(200)]
     ours = [curve(noise=0.1, seed=2 * k + 1) for k in range(200)]
     draws = equal_time.RESAMPLES
@@ -94,8 +94,8 @@ def test_intervals_of_ratios_hold_the_truth():
         found = [equal_time.advantage(a, [b], 0.05) for a, b in zip(ours, others, strict=True)]
     finally:
         equal_time.RESAMPLES = draws
-    assert 0.88 <= np.mean([ratio.low <= 2 <= ratio.high for ratio in found]) <= 0.99
-    assert np.mean([ratio.low <= 2.2 <= ratio.high for ratio in found]) < 0.5  # another value is told apart
+    assert 0.86 <= np.mean([ratio.low <= 2 <= ratio.high for ratio in found]) <= 0.99
+    assert np.mean([ratio.low <= 2.3 <= ratio.high for ratio in found]) < 0.5  # another value is told apart
 
 
 def noisy(truth, sd, count, rng):

@@ -21,6 +21,17 @@ SCENES = (
     "mirrors",
     "whitted_1980",
 )
+EFFECTS = (  # one effect each, and mixed; more on them in test_effect_scenes.py
+    "depth_of_field",
+    "gloss",
+    "interreflection",
+    "mixed_glass",
+    "mixed_lens_penumbra",
+    "open_floor",
+    "pool_balls",
+    "soft_shadows",
+    "translucency",
+)
 OFFSET = 1e-3  # Mitsuba moves the origins of rays by up to 9e-5 (1 + max |coordinate|), along the normal
 OBJECTS = {"integrator", "sensor", "film", "sampler", "rfilter", "bsdf", "texture", "shape", "emitter"}
 
@@ -50,10 +61,10 @@ def make(kind, **parameters):
 
 
 def test_these_are_shipped():
-    assert tuple(shipped()) == SCENES
+    assert set(shipped()) == {*SCENES, *EFFECTS}
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", SCENES + EFFECTS)
 def test_file(name):
     text = Path(shipped_path(name)).read_text(encoding="utf-8")
     assert text.startswith("<!--\n")
@@ -63,7 +74,7 @@ def test_file(name):
     root = ElementTree.fromstring(text)
     defaults = {element.get("name"): element.get("value") for element in root.findall("default")}
     assert {"width", "height", "spp", "integrator", "max_depth"} <= defaults.keys()
-    assert defaults["integrator"] == "whitted"
+    assert defaults["integrator"] == ("whitted" if name in SCENES else "distribution")
     objects = [element for element in root.iter() if element.tag in OBJECTS]
     names = [element.get("id") for element in objects]
     assert None not in names

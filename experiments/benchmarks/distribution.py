@@ -60,22 +60,17 @@ def references(measured):
 
 def limits(measured):
     """The rows of the table on where the noise of ours is, and on the bias of the sampler that is left out."""
+    worst = f"squared error in the worst {WORST_PIXELS:.0%} of pixels"
     rows = [
-        (
-            "scene",
-            "samples",
-            f"squared error in the worst {WORST_PIXELS:.0%} of pixels",
-            "bias of ldsampler / error",
-        )
+        ("scene", "samples of light, gloss, interreflection", worst, "bias of ldsampler, in standard errors")
     ]
     for name, (found, reference) in measured.items():
         error = np.sort(comparison.maps(found, reference)[comparison.OURS]["error"].ravel() ** 2)[::-1]
         share = error[: int(WORST_PIXELS * error.size)].sum() / error.sum()
         bias, deviation = comparison.bias(found, f"path {comparison.BIASED}")
-        count = {line.split("=")[0]: line.split("=")[1].rstrip("]") for line in found["plan"].split(", ")}
-        samples = "/".join(count[key] for key in comparison.AUTO)
+        samples = ", ".join(str(found["samples"][kind]) for kind in comparison.AUTO)
         rows.append(
-            (name, samples, f"{share:.0%}", f"{bias / reference.mean():+.4%}, {bias / deviation:+.1f}")
+            (name, samples, f"{share:.0%}", f"{bias / reference.mean():+.3%}, {bias / deviation:+.1f}")
         )
     return rows
 
