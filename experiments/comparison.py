@@ -35,8 +35,9 @@ AUTO = {"light_samples": "auto", "gloss_samples": "auto", "interreflection_sampl
 OURS, DEFAULTS = "distribution, auto", "distribution"
 WEAKEST = "path independent"
 REFERENCE, FIRST_SEED = "path multijitter", 100
+LEVEL = 1e-3  # of the test of the reference's two sides, on each scene
 REFERENCE_SHARE, TENTH = 0.05, 0.1  # of the smallest error: the reference's variance aimed at, and allowed
-REFERENCE_BATCH, REFERENCE_MOST = 8, 64  # replicates of each side
+REFERENCE_BATCH, REFERENCE_MOST, LONGER = 12, 36, 4  # replicates of each side, of so many times the samples
 MAP_REPLICATES = 8
 
 
@@ -146,13 +147,13 @@ class Bench:
         sides, variance = ([], []), math.inf
         while variance > aim and len(sides[0]) < REFERENCE_MOST:
             for number, (label, images) in enumerate(zip((OURS, REFERENCE), sides, strict=True)):
-                start = len(images)
+                start, spp = len(images), LONGER * ladders[label]["spp"][-1]
                 for seed in seeds(number, 0, start + REFERENCE_BATCH)[start:]:
-                    images.append(self.render(label, seed, ladders[label]["spp"][-1])[0])
+                    images.append(self.render(label, seed, spp)[0])
             mean, variance = combined(*map(np.array, sides))
-        found = assess(*map(np.array, sides))
+        found = assess(*map(np.array, sides), level=LEVEL)
         facts = {"replicates": len(sides[0]), "variance": variance, "verdict": found.verdict}
-        return mean, facts | {"image": found.image.to_dict(), "tile": found.tile.to_dict()}
+        return mean, facts | {"image": found.image.to_dict(), "p_value": found.p_value}
 
     def turn(self, number, ladders, reference, variance):
         """Render every method on every rung once; return seconds, squared error and bias by method."""
@@ -238,12 +239,6 @@ def advantages(found, ours):
     pairs = mitsuba_pairs(found)
     to_best = advantage(made[ours], [made[label] for label in pairs], seconds)
     return seconds, pairs[to_best.best], to_best, advantage(made[ours], [made[WEAKEST]], seconds)
-
-
-def bias(found, label):
-    """Return the mean bias over all renders of the longest ladder rung, and its standard error."""
-    values = np.array([turn[label][-1][2] for turn in found["turns"]])
-    return values.mean(), values.std(ddof=1) / math.sqrt(len(values))
 
 
 def maps(found, reference):

@@ -162,10 +162,7 @@ def sheared():
 
 
 LIGHTS = {
-    **{
-        f"textured {kind}": functools.partial(textured, kind)
-        for kind in ("rectangle", "disk", "sphere", "cube")
-    },
+    **{f"textured {kind}": functools.partial(textured, kind) for kind in ("rectangle", "disk", "sphere")},
     "flipped rectangle": lambda: standing("rectangle", flip_normals=True),
     "flipped disk": lambda: standing("disk", flip_normals=True),
     "flipped cylinder": lambda: standing("cylinder", flip_normals=True),
@@ -189,7 +186,7 @@ LIGHTS = {
 @pytest.mark.parametrize("name", LIGHTS)
 def test_lights(name):
     scene = among(light=LIGHTS[name]())
-    spp = 1024 if "flipped" in name else 256  # with less light of which there are more shadows
+    spp = 2048 if "flipped" in name else 256  # which give little light, near the floor
     expected = renders(scene, reference(scene, max_depth=3), spp)
     assert_same(renders(scene, DISTRIBUTION | {"max_depth": 3}, spp), expected)
 
@@ -212,8 +209,8 @@ def test_a_textured_mesh_as_a_light(tmp_path):
 
 def small_light(kind, random):
     """A small light of a kind, anywhere."""
-    at, colour = random.uniform([-2, 1.2, -2], [2, 2.8, 2]).tolist(), random.uniform(1, 3, 3).tolist()
-    (heading, pitch), size = random.uniform(0, 360, 2), random.uniform(0.1, 0.25)
+    at, colour = random.uniform([-2, 1.8, -2], [2, 3, 2]).tolist(), random.uniform(1, 3, 3).tolist()
+    (heading, pitch), size = random.uniform(0, 360, 2), random.uniform(0.2, 0.4)
     colour = {"type": "rgb", "value": colour}
     turned = transform().translate(at).rotate([0, 1, 0], heading).rotate([1, 0, 0], pitch)
     if kind == "point":
@@ -231,7 +228,7 @@ def many(count):
 
 @pytest.mark.parametrize("count", [1, 2, 5, 70])
 def test_many_lights(count):
-    assert_agrees(stage(ball=ball(), **many(count)), spp={1: 512, 70: 1024}.get(count, 2048))
+    assert_agrees(stage(ball=ball(), **many(count)), spp=256 if count in (1, 70) else 1024)
 
 
 @pytest.mark.parametrize("sky", ["constant", "envmap"])
@@ -241,7 +238,7 @@ def test_lights_of_all_kinds_together(sky):
 
 
 def test_the_inside_of_a_lamp_lights_itself():
-    """Within a diffuse sphere of reflectance r that emits 1 all has the radiance 1 + r + r^2 + ..., almost without noise.
+    """Within a diffuse sphere of reflectance r that emits 1 all has the radiance 1 + r + ..., almost without noise.
 
     A few in 10^4 of the rays along the wall meet it before they should.
     """
@@ -254,7 +251,7 @@ def test_the_inside_of_a_lamp_lights_itself():
         image = mi.render(
             scene, integrator=mi.load_dict(DISTRIBUTION | {"max_depth": max_depth}), spp=1024
         ).numpy()
-        np.testing.assert_allclose(image, radiance, rtol=2e-3)
+        np.testing.assert_allclose(image, radiance, rtol=5e-3)
         np.testing.assert_allclose(image.mean(), radiance, rtol=3e-4)
     lamp["flip_normals"], lamp["bsdf"] = False, {"type": "twosided", "nested": bsdf}
     dark = mi.load_dict({"type": "scene", "sensor": sensor, "lamp": lamp}, optimize=False)

@@ -8,7 +8,7 @@ import json
 import mitsuba as mi
 import numpy as np
 import pytest
-from test_effects import POINT, checker, lens, moving
+from test_effects import POINT, checker, far_lamp, lens, moving
 from whitted_scenes import EMITTERS, GREY, ball, camera, panel, stage, transform
 
 import whitted
@@ -147,19 +147,14 @@ def test_a_wide_lens_is_called_for_at_once_and_a_tiny_one_is_measured():
 
 def test_the_blur_of_a_lens_is_that_of_its_circle_of_confusion():
     """A plane at the distance z through a lens of radius r focused at f: r |z / f - 1|, over the size of a pixel."""
-    radius, focus, z = 0.04, 2.0, 5.0
-    sensor = camera() | {
-        "type": "thinlens",
-        "aperture_radius": radius,
-        "focus_distance": focus,
-        "to_world": transform(),
-    }
+    radius, focus, z, fov = 0.028, 2.0, 5.0, 8.0
+    sensor = lens(radius) | {"focus_distance": focus, "fov": fov, "to_world": transform()}
     wall = {"type": "rectangle", "to_world": transform().translate([0, 0, z]).rotate([0, 1, 0], 180).scale(9)}
-    scene = mi.load_dict({"type": "scene", "sensor": sensor, "wall": wall, "light": POINT})
-    finding = plan(scene)["depth_of_field"]
-    pixel = 2 * z * np.tan(np.radians(45 / 2)) / 16
-    expected = radius * (z / focus - 1) / pixel
-    assert float(finding.evidence.split()[-2]) == pytest.approx(expected, rel=0.03)
+    finding = plan(mi.load_dict({"type": "scene", "sensor": sensor, "wall": wall, "light": POINT}))[
+        "depth_of_field"
+    ]
+    pixel = 2 * z * np.tan(np.radians(fov / 2)) / 16
+    assert float(finding.evidence.split()[-2]) == pytest.approx(radius * (z / focus - 1) / pixel, rel=0.02)
 
 
 CONVEX = {
@@ -190,9 +185,8 @@ def test_a_ball_on_a_floor_is_lit_by_it():
 
 
 def far(size):
-    """A floor and a ball under a ball of light that is far away and out of view."""
-    lamp = {"type": "sphere", "center": [10, 100, 30], "radius": size}
-    return stage(ball=ball(GREY), light=lamp | {"emitter": {"type": "area", "radiance": 2000 / size**2}})
+    """A floor and a ball under a ball of light far away."""
+    return stage(ball=ball(GREY), light=far_lamp(size))
 
 
 def test_a_small_light_far_away_is_judged_by_its_bound():
@@ -241,8 +235,7 @@ def test_leaving_an_effect_out_changes_less_than_its_bound(effect):
 def test_the_noise_of_other_effects_is_no_part_of_a_bound(effect):
     """The same samples with and without it: light that comes by way of other surfaces hardly adds to the change."""
     sensor = lens(1e-3) if effect == "depth_of_field" else None
-    lamp = {"center": [10, 100, 30], "radius": 0.5, "emitter": {"type": "area", "radiance": 8000.0}}
-    scene = stage(sensor, ball=ball(GREY), light={"type": "sphere"} | lamp)
+    scene = stage(sensor, ball=ball(GREY), light=far_lamp(0.5))
     all_paths, direct = (plan(scene, max_depth=depth)[effect].bound["radiance"] for depth in (-1, 2))
     assert all_paths < 2 * direct
 

@@ -229,7 +229,7 @@ def null_transmission(bsdf, si, active):
 
 
 def diffuse_reflectance(bsdf, si, active):
-    """Return the reflectance (``Spectrum`` in [0, 1]) of the diffuse lobes of one BSDF instance."""
+    """Return the reflectance (``Spectrum``) of the diffuse lobes of one BSDF instance."""
     name = bsdf.class_name()
     if name == "MaskBSDF":
         return diffuse_reflectance(objects_of(bsdf)["nested_bsdf"], si, active) * _opacity(bsdf, si, active)
@@ -240,6 +240,8 @@ def diffuse_reflectance(bsdf, si, active):
     if name == "TwoSidedBRDF":
         front, back = (diffuse_reflectance(child, _facing_front(si), active) for child in _sides(bsdf))
         return dr.select(si.wi.z > 0, front, back)
+    if is_lambertian(bsdf):
+        return dr.select(si.wi.z > 0, bsdf.eval_diffuse_reflectance(si, active), 0)  # as it is, above 1 too
     if any(flags & mi.BSDFFlags.DiffuseReflection for flags in component_flags(bsdf)):
         lit = si.wi.z > 0
         return dr.select(lit, dr.clip(bsdf.eval_diffuse_reflectance(si, active & lit), 0, 1), 0)

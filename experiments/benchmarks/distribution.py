@@ -54,8 +54,16 @@ def references(measured):
         text = f"{share:.3f} {'' if 0 <= share < comparison.TENTH else '(MISSED, below 0.1)'}"
         low, high = reference["image"]["interval"]
         bias = f"{100 * reference['image']['value']:+.3f} % [{100 * low:+.3f}, {100 * high:+.3f}]"
-        rows.append((name, text, bias, reference["verdict"]))
+        rows.append(
+            (name, text, bias, f"{reference['verdict']}, p >= {min(reference['p_value'].values()):.2g}")
+        )
     return rows
+
+
+def bias_of(found, label):
+    """The mean bias of the renders with the most samples, and its standard error."""
+    values = np.array([turn[label][-1][2] for turn in found["turns"]])
+    return values.mean(), values.std(ddof=1) / np.sqrt(len(values))
 
 
 def limits(measured):
@@ -67,7 +75,7 @@ def limits(measured):
     for name, (found, reference) in measured.items():
         error = np.sort(comparison.maps(found, reference)[comparison.OURS]["error"].ravel() ** 2)[::-1]
         share = error[: int(WORST_PIXELS * error.size)].sum() / error.sum()
-        bias, deviation = comparison.bias(found, f"path {comparison.BIASED}")
+        bias, deviation = bias_of(found, f"path {comparison.BIASED}")
         samples = ", ".join(str(found["samples"][kind]) for kind in comparison.AUTO)
         rows.append(
             (name, samples, f"{share:.0%}", f"{bias / reference.mean():+.3%}, {bias / deviation:+.1f}")
