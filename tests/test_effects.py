@@ -1,7 +1,7 @@
 """What an effect that is off leaves of the picture: exactly, by closed forms and Mitsuba's objects, and in the limit.
 
 Exact tests compare to a few float32 roundings. Comparisons of noisy pictures have false alarms at 1e-5 each, see
-`pictures`; there are 9 of them, and 3 that have to fail.
+`pictures`; there are 7 of them, and 3 that have to fail.
 """
 
 import drjit as dr
