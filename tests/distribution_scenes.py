@@ -12,7 +12,8 @@ from whitted.world import World, bsdfs_of
 
 DISTRIBUTION = {"type": "distribution", "effects": "all", "max_depth": 4}
 DETECTABLE = 0.02  # of the picture's mean: a bias as large is seen by every comparison
-BLACK = {"type": "diffuse", "reflectance": 0.0}
+LAMP = {"type": "area", "radiance": {"type": "rgb", "value": [5, 4, 3]}}
+SKY = {"type": "constant", "radiance": {"type": "rgb", "value": [0.3, 0.4, 0.5]}}
 
 # ---- The comparison
 
@@ -83,7 +84,7 @@ def assert_same(found, expected, detectable=DETECTABLE):
     assert difference.bias < detectable, difference
 
 
-def assert_agrees(scene, integrator=DISTRIBUTION, spp=64, truth=None, detectable=DETECTABLE, **options):
+def assert_agrees(scene, integrator=DISTRIBUTION, spp=64, truth=None, detectable=DETECTABLE, auto=True):
     """Assert that ``distribution`` and Mitsuba make the same picture.
 
     By itself with all effects and with those found, and nested.
@@ -94,16 +95,17 @@ def assert_agrees(scene, integrator=DISTRIBUTION, spp=64, truth=None, detectable
         spp: samples per pixel of each of 16 pictures.
         truth: another scene, for Mitsuba, of the same light.
         detectable: the smallest bias that has to be seen.
-        options: of the reference, beside ``max_depth``.
+        auto: try the effects found as well.
 
     Returns:
         Our pictures and Mitsuba's.
     """
     truth = truth or scene
-    expected = renders(truth, reference(truth, max_depth=integrator["max_depth"], **options), spp)
+    expected = renders(truth, reference(truth, max_depth=integrator["max_depth"]), spp)
     found = renders(scene, integrator, spp)
     assert_same(found, expected, detectable)
-    assert_same(renders(scene, with_effects_found(scene, integrator), spp), expected, detectable)
+    if auto:
+        assert_same(renders(scene, with_effects_found(scene, integrator), spp), expected, detectable)
     assert_same(renders(scene, nested(integrator), spp), expected, detectable)
     return found, expected
 
@@ -149,3 +151,34 @@ def panel(radiance=5.0, scale=0.8, height=4.5):
     """A square light out of view."""
     emitter = {"type": "area", "radiance": radiance}
     return {"type": "rectangle", "to_world": overhead(scale, height), "emitter": emitter}
+
+
+def standing(kind, to_world=None, radiance=None, **properties):
+    """A light to the right of the ball, turned so that it shines on the wall as well."""
+    turned = transform().translate([0.7, 0.7, 0.6]).rotate([0, 1, 0], 210).rotate([1, 0, 0], 20).scale(0.3)
+    emitter = LAMP | ({"radiance": radiance} if radiance else {})
+    return {
+        "type": kind,
+        "to_world": turned if to_world is None else to_world,
+        "emitter": emitter,
+    } | properties
+
+
+def small_light(kind, random):
+    """A small light of a kind, anywhere."""
+    at, colour = random.uniform([-2, 1.8, -2], [2, 3, 2]).tolist(), random.uniform(1, 3, 3).tolist()
+    (heading, pitch), size = random.uniform(0, 360, 2), random.uniform(0.2, 0.4)
+    colour = {"type": "rgb", "value": colour}
+    turned = transform().translate(at).rotate([0, 1, 0], heading).rotate([1, 0, 0], pitch)
+    if kind == "point":
+        return {"type": "point", "position": at, "intensity": colour}
+    if kind == "spot":
+        return {"type": "spot", "to_world": turned, "intensity": colour, "cutoff_angle": 40}
+    return standing(kind, turned.scale(size), colour)
+
+
+def many(count):
+    """Return a dict of lights of all kinds."""
+    random = np.random.default_rng(5)
+    kinds = ("rectangle", "point", "sphere", "spot", "disk", "cube", "cylinder")
+    return {f"light{number}": small_light(kinds[number % 7], random) for number in range(count)}
