@@ -252,7 +252,9 @@ def _disk(shape):
 def _sphere(shape):
     box = shape.bbox()
     lower, upper = np.array(box.min, np.float64), np.array(box.max, np.float64)
-    centre, radius = (lower + upper) / 2, (upper - lower).max() / 2
+    # Not the box's middle and half its width, which for a small sphere far from the origin have few digits
+    to_world = np.array(mi.traverse(shape)["to_world"].matrix, np.float64).reshape(4, 4)
+    centre, radius = to_world[:3, 3], np.linalg.norm(to_world[:3, 0])
     beside = dr.zeros(mi.Interaction3f)
     beside.p = mi.Point3f(centre + np.array([0, 0, 3 * radius]))
     ds = shape.sample_direction(beside, mi.Point2f(0.5))  # tells the side right of mirrored spheres too
