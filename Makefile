@@ -21,7 +21,7 @@ demo: .venv/ready ## render the shipped pictures and prove them against Mitsuba'
 
 test: .venv-test/ready ## build the wheel, install it, and run the tests against it
 	@# safe path: the source tree in the working folder must not shadow the wheel, in child processes either
-	PYTHONSAFEPATH=1 WHITTED_TEST_WHEEL=1 .venv-test/bin/python -m pytest -m "not long" $(PYTEST_FLAGS)
+	PYTHONSAFEPATH=1 WHITTED_TEST_WHEEL=1 .venv-test/bin/python -m pytest -n auto --dist loadfile -m "not long" $(PYTEST_FLAGS)
 
 test-long: .venv-test/ready ## run the tests that take minutes, such as the rate of false alarms
 	PYTHONSAFEPATH=1 WHITTED_TEST_WHEEL=1 .venv-test/bin/python -m pytest -m long $(PYTEST_FLAGS)
