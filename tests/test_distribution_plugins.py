@@ -216,7 +216,7 @@ def test_sensors(name):
         scene = mi.load_dict({"type": "scene", **things}, optimize=False)
     else:
         scene = stage(SENSORS[name](), **things)
-    assert_agrees(scene, spp=64 if has_pixels else 1 << 15)
+    assert_agrees(scene, spp=64 if has_pixels else 1 << 17)
 
 
 def test_no_sensor_is_left_out():

@@ -34,30 +34,53 @@ class DirectLight:
             (``Bool`` [N]) for the plain lights (see ``Lights.is_plain``) and for the others.
         samples: how many of each group, ``int`` or ``UInt32`` [N].
         rays: how many rays go on from here, ``int`` or ``UInt32`` [N].
+        rough: ``Bool`` [N], where lights are chosen by what the BSDF makes of them; None: nowhere.
+
+    Attributes:
+        shares: what the choice of a bounded light went by, see `Lights.shares`; known after ``estimate``.
     """
 
-    def __init__(self, world, lights, draws, si, node, albedo, closed, combined=None, samples=1, rays=1):
+    def __init__(
+        self, world, lights, draws, si, node, albedo, closed, combined=None, samples=1, rays=1, rough=None
+    ):
         self.world, self.lights, self.draws = world, lights, draws
         self.si, self.node, self.combined = si, node, combined
-        self.samples, self.rays = samples, rays
+        self.samples, self.rays, self.rough = samples, rays, rough
         self.n = world.light_side(si)
         self.reflected = albedo * dr.inv_pi
-        self.closed = closed & ~dr.all(self.n == 0)
+        self.closed = closed & ~dr.all(self.n == 0) & ~dr.all(albedo == 0)
 
     def estimate(self, active):
         """Return the radiance (``Spectrum`` [N]); 0 where not ``active`` (``Bool`` [N])."""
-        active = active & mi.has_flag(self.si.bsdf().flags(), mi.BSDFFlags.Smooth)
+        active = active & self.world.scatters(self.si)
 
-        def lit(L, rays, sampler):
+        def lit(L, shares, rays, sampler):
             self.world.rays = dict(rays)
+            self.shares = self.lights.shares(
+                self.si.p, self.n, self._response if self.rough is not None else None
+            )
             if self.lights.is_closed:
                 L = when(self.closed, lambda L: L + self._unoccluded(active & self.closed), L)
             for number, group in enumerate(self.lights.groups):
                 L += self._group(number, group, active)
-            return L, self.world.rays, sampler
+            return L, self.shares if shares_type else None, self.world.rays, sampler
 
-        L, self.world.rays, _ = when(active, lit, mi.Spectrum(0), self.world.rays, self.draws.state)
+        shares_type = self.lights.shares_type
+        none = shares_type(0) if shares_type else None
+        L, self.shares, self.world.rays, _ = when(
+            active, lit, mi.Spectrum(0), none, self.world.rays, self.draws.state
+        )
         return L
+
+    def _response(self, directions):
+        """How much of the light from some directions a rough BSDF scatters: a mask and ``Float``s."""
+
+        def evaluate(bsdf, si, directions, active):
+            values = [bsdf.eval(mi.BSDFContext(), si, d, active) for d in directions]
+            return [dr.mean(value) for value in values]
+
+        local = [self.si.to_local(d) for d in directions]
+        return self.rough, dr.dispatch(self.si.bsdf(), evaluate, self.si, local, self.rough)
 
     def _unoccluded(self, active):
         return self.reflected * self.lights.bounded.irradiance(self.si, self.n, active)
@@ -90,7 +113,7 @@ class DirectLight:
 
     def _sample(self, group, u, choice, active):
         """The estimate from one sample of one group, less what is known of it."""
-        sample = group.sample(self.si, self.n, u, choice, active)
+        sample = group.sample(self.si, self.n, u, choice, active, self.shares)
         dark = dr.all(sample.weight == 0)  # where there is no direction either
         L = dr.select(active & ~dark, self._scattered(group, sample, active) * sample.weight, 0)
         lit = active & ~dr.all(L == 0)  # NaN, for which no comparison holds, is lit and counted

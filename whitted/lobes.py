@@ -163,6 +163,16 @@ def is_lambertian(bsdf):
     return bsdf.class_name() == "SmoothDiffuse"
 
 
+def is_black(bsdf):
+    """Whether ``bsdf`` is known to scatter nothing, anywhere."""
+    if bsdf.class_name() == "TwoSidedBRDF":
+        return all(map(is_black, _sides(bsdf)))
+    try:
+        return is_lambertian(bsdf) and objects_of(bsdf)["reflectance"].max() == 0
+    except RuntimeError:  # textures that vary don't tell
+        return False
+
+
 def scatter(bsdf, si, u, v, active):
     """Sample the smooth lobes of one BSDF instance.
 

@@ -57,7 +57,7 @@ class Paths:
             +lobe.GlossyReflection: "gloss" not in plan and bool(flags & lobe.GlossyReflection),
             +lobe.GlossyTransmission: "translucency" not in plan and bool(flags & lobe.GlossyTransmission),
         }
-        is_rough = bool(flags & lobe.Glossy)
+        self.is_rough = is_rough = bool(flags & lobe.Glossy)
         self.combines_rough = is_rough and self.lights.is_hittable and not any(self.mirrored.values())
         self.combines_diffuse = self.interreflects and self.lights.is_hittable and not self.lights.is_plain
         self.meets = self.lights.only_met and bool(flags & lobe.Smooth)
@@ -79,7 +79,7 @@ class Paths:
         )
         self.goes_on = self.has_specular or self.has_smooth  # beyond the first surface
         self.has_stack = self.has_specular or (self.has_smooth and self.splits > 1)
-        self.Node = transport.node_type(mi.variant(), self.combines)
+        self.Node = transport.node_type(mi.variant(), self.combines, self.lights.shares_type)
         levels = integrator.tree_depth * self.world.branching if self.has_specular else 0
         self.stack_size = max(8, 1 << (levels + self.splits).bit_length())
 
@@ -98,6 +98,8 @@ class Paths:
         )
         if self.combines:
             root.p, root.n, root.pdf = mi.Point3f(0), mi.Vector3f(0), mi.Float(0)
+            if self.lights.shares_type:
+                root.shares = self.lights.shares_type(0)
         self.world.count("eye", active)
         sums = {"radiance": mi.Spectrum(0), "escaped": mi.Float(0)}
         if not self.goes_on:
@@ -153,6 +155,7 @@ class Paths:
             combined=vertex.combined,
             samples=self._count(vertex, self.light_samples),
             rays=self._count(vertex, self.gloss_samples if self.splits > 1 else 1),
+            rough=vertex.rough if self.is_rough else None,
         )
         sums["radiance"] += dr.select(within, node.w * light.estimate(within), 0)
 
@@ -161,7 +164,7 @@ class Paths:
             return mi.Bool(False), node
         next_node, has_next = node, mi.Bool(False)
         if self.has_smooth:
-            next_node, has_next = self._scatter(vertex, stack)
+            next_node, has_next = self._scatter(vertex, light.shares, stack)
         if self.has_specular:
             next_node, has_next = self._branch(vertex, next_node, has_next, stack)
 
@@ -183,8 +186,10 @@ class Paths:
             return dr.select(specular, mi.Float(1), 0)
         combined = active & ~specular & (node.pdf != 0) & (si.emitter(self.world.scene) != None)  # noqa: E711
 
+        shares = node.shares if self.lights.shares_type else mi.Float(1)
+
         def share(weight):
-            weight = power_heuristic(dr.abs(node.pdf), self.lights.pdf(si, node.p, node.n, combined))
+            weight = power_heuristic(dr.abs(node.pdf), self.lights.pdf(si, node.p, node.n, combined, shares))
             return dr.select((node.pdf < 0) & self.lights.is_plain_at(si), 0, weight)
 
         weight = when(combined, share, mi.Float(0))
@@ -221,9 +226,12 @@ class Paths:
         """The number of samples at a vertex: several at the first hit, one elsewhere."""
         return 1 if samples == 1 else dr.select(vertex.is_first, mi.UInt32(samples), 1)
 
-    def _scatter(self, vertex, stack):
-        """Follow one ray into the smooth lobes of a vertex and push the others, if it is split."""
-        node, has_next = self._lobe(vertex, mi.UInt32(0))
+    def _scatter(self, vertex, shares, stack):
+        """Follow one ray into the smooth lobes of a vertex and push the others, if it is split.
+
+        ``shares``: of the lights in what was sampled there.
+        """
+        node, has_next = self._lobe(vertex, shares, mi.UInt32(0))
         if self.splits == 1:
             return node, has_next
         splits = self._count(vertex, self.splits)
@@ -231,7 +239,7 @@ class Paths:
 
         def step(j, rays, sampler, *arrays):
             self.world.rays, pushed = dict(rays), stack.with_state(*arrays)
-            node, present = self._lobe(vertex, j)
+            node, present = self._lobe(vertex, shares, j)
             pushed.push(node, present)
             return j + 1, self.world.rays, sampler, *pushed.state
 
@@ -241,7 +249,7 @@ class Paths:
         )
         return node, has_next
 
-    def _lobe(self, vertex, j):
+    def _lobe(self, vertex, shares, j):
         """Sample one ray into the smooth lobes of a vertex; return it and the lanes that have one."""
         si, node = vertex.si, vertex.node
         lobe = mi.BSDFFlags
@@ -274,6 +282,8 @@ class Paths:
             rays = self._count(vertex, self.gloss_samples if self.splits > 1 else 1)
             pdf = pdf * rays * dr.rcp(mi.Float(self._count(vertex, self.light_samples)))
             child.p, child.n = si.p, self.world.light_side(si)
+            if self.lights.shares_type:
+                child.shares = shares
             child.pdf = dr.select(vertex.combined[0], pdf, dr.select(vertex.combined[1], -pdf, 0))
         self.world.count("reflection", active & reflects)
         self.world.count("transmission", active & transmits)
@@ -297,7 +307,8 @@ class Paths:
         child.tag = node.tag // VISIT * VISIT + VISIT
         child.id = node.id * (self.world.branching + self.splits) + (slot + 1)
         if self.combines:
-            child.p, child.n, child.pdf = node.p, node.n, node.pdf
+            for name in self.Node.SAMPLED:
+                setattr(child, name, getattr(node, name))
         return child
 
     def _branch(self, vertex, smooth, has_smooth, stack):

@@ -83,18 +83,22 @@ def direct_light(world, si, draws, node, active, shadows=True, context=None):
 
 
 @functools.cache
-def node_type(variant, with_density=False):
+def node_type(variant, with_density=False, shares_type=None):
     """Return the class of a ray waiting to be traced, for a variant that is active.
 
-    ``with_density`` adds where its direction was sampled, and with which density.
+    ``with_density`` adds where its direction was sampled, and with which density; and what lights were chosen by there,
+    if that has a type. ``SAMPLED`` are the names of these.
     """
     sampled = {
         "p": mi.Point3f,  # the vertex at which the direction was sampled
         "n": mi.Vector3f,  # that vertex's side for lights
         "pdf": mi.Float,  # of the direction, per solid angle
+        **({"shares": shares_type} if shares_type else {}),
     }
+    sampled = sampled if with_density else {}
 
     class Node:
+        SAMPLED: ClassVar = tuple(sampled)
         DRJIT_STRUCT: ClassVar = {
             "o": mi.Point3f,  # origin
             "d": mi.Vector3f,  # direction
@@ -103,7 +107,7 @@ def node_type(variant, with_density=False):
             "depth": mi.UInt32,  # surfaces met before this ray
             "tag": mi.UInt32,  # flags of the integrator's own
             "id": mi.UInt32,  # number of the node in the tree, the same in every order of traversal
-            **(sampled if with_density else {}),
+            **sampled,
         }
 
         def __init__(self, *values, **named):

@@ -54,6 +54,7 @@ class World:
             lobes.count(bsdf) and int(bsdf.flags()) & mi.BSDFFlags.Smooth for bsdf in bsdfs
         )
         self.is_lambertian = all(map(lobes.is_lambertian, bsdfs))
+        self._has_black = any(map(lobes.is_black, bsdfs))
         self._glow = _glow(scene, self.emitters)
         shapes = {shape.emitter().ptr: shape for shape in scene.shapes() if shape.emitter() is not None}
         self._light_shapes = [registry_number(shapes[e.ptr]) if e.ptr in shapes else 0 for e in self.emitters]
@@ -207,6 +208,13 @@ class World:
             return [(wo, weight, eta, mi.UInt32(kind)) for wo, weight, eta, kind in found]
 
         return dr.dispatch(si.bsdf(), split, si, active) if slots else []
+
+    def scatters(self, si):
+        """Return where ``si`` may scatter light smoothly (``Bool``)."""
+        smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
+        if not self._has_black:
+            return smooth
+        return smooth & dr.dispatch(si.bsdf(), lambda bsdf: mi.Bool(not lobes.is_black(bsdf)))
 
     def scatter(self, si, u, v, albedo, active):
         """Sample the smooth lobes at ``si``; the arguments and the result are those of `lobes.scatter`.

@@ -4,7 +4,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from whitted.lights import disk, rectangle, sphere, triangle
+from whitted.lights import disk, few, rectangle, sphere, triangle
 from whitted.lights.primitives import (
     DISK,
     MITSUBA,
@@ -22,7 +22,6 @@ from whitted.transport import when
 NOT_SAMPLED = 0xFFFFFFFF
 MARGIN = 1e-5  # relative, of what counts as a light's own surface
 FAR = 2.0  # sizes; from there a light is sampled by area
-MOST_CLOSED = 4  # primitives up to which all are summed up in closed form at a vertex
 CLOSED = {RECTANGLE, TRIANGLE, DISK, SPHERE}
 SHAPES = {RECTANGLE: rectangle, TRIANGLE: triangle, DISK: disk, SPHERE: sphere}
 
@@ -47,8 +46,10 @@ class BoundedLights:
         parts = primitives_of(scene, as_points)
         self.scene, self.emitters = scene, scene.emitters()
         self.count, self.as_points = len(parts), as_points
-        self.kinds = sorted({int(kind) for kind in parts.kind})
-        self.is_closed = 0 < self.count <= MOST_CLOSED and set(self.kinds) <= CLOSED
+        self.every_kind = [int(kind) for kind in parts.kind]
+        self.kinds = sorted(set(self.every_kind))
+        self.is_few = self.count <= few.MOST
+        self.is_closed = 0 < self.count and self.is_few and set(self.kinds) <= CLOSED
         met = [
             kind
             for kind, e in zip(parts.kind, parts.emitter, strict=True)
@@ -61,21 +62,39 @@ class BoundedLights:
         self.boxes = list(zip(parts.lower, parts.upper, strict=True))
         if not self.count:
             return
-        # Arrays in memory are data: one kernel serves all values. From lists, since NumPy's memory may lie unaligned,
-        # which makes another kernel
-        self.kind, self.emitter = mi.UInt32(parts.kind.tolist()), mi.UInt32(parts.emitter.tolist())
-        self.geometry = [mi.Float(column.tolist()) for column in parts.geometry.T]
-        self.colour = [mi.Float(column.tolist()) for column in parts.radiance.T]
-        self.shape = mi.UInt32(parts.shape.tolist())
+        self.kind, self.emitter, self.shape = map(self._column, (parts.kind, parts.emitter, parts.shape))
+        self.geometry = [self._column(column) for column in parts.geometry.T]
+        self.colour = [self._column(column) for column in parts.radiance.T]
         first = np.full(int(parts.shape.max()) + 1, NOT_SAMPLED, np.uint32)
         for leaf in reversed(range(self.count)):
             first[parts.shape[leaf]] = leaf
         first[0] = NOT_SAMPLED
         self.first, self.shapes = mi.UInt32(first.tolist()), dr.opaque(mi.UInt32, len(first))
         cone = parts.axis, parts.cos_spread, np.zeros(self.count)
-        self.tree = LightTree(parts.lower, parts.upper, parts.power, *cone)
+        choice = few.FewLights if self.is_few else LightTree
+        self.choice = choice(parts.lower, parts.upper, parts.power, *cone)
 
-    def sample(self, si, n, u, choice, active):
+    def _column(self, values):
+        """Numbers of all lights in memory, so that one kernel serves all values.
+
+        Of few lights each by itself, as to select is cheaper than to gather. Else from a list, since NumPy's memory may
+        lie unaligned, which makes another kernel.
+        """
+        dtype = mi.Float if values.dtype.kind == "f" else mi.UInt32
+        if self.is_few:
+            return [dr.opaque(dtype, value) for value in values.tolist()]
+        return dtype(values.tolist())
+
+    @property
+    def shares_type(self):
+        """The type of what `shares` returns, or None."""
+        return self.choice.shares_type if self.is_few and self.count > 1 else None
+
+    def shares(self, p, n, response=None):
+        """Return what a choice at ``p`` has to know and `pdf` later: see ``FewLights``. None: nothing."""
+        return self.choice.shares(p, n, response) if self.is_few else None
+
+    def sample(self, si, n, u, choice, active, shares=None):
         """Sample a direction towards one of the lights, without regard to what lies between.
 
         Args:
@@ -83,11 +102,15 @@ class BoundedLights:
             n: ``Vector3f`` [N], unit, the side of the receiver that light can come from, or 0 if it is both.
             u: ``Point2f`` [N] in [0, 1)^2.
             choice: ``Float`` [N] in [0, 1), of the light.
+            shares: what `shares` returned for the receiver.
 
         Returns:
             `LightSample`.
         """
-        leaf, probability, _, valid = self.tree.sample(si.p, n, choice, active)
+        if self.is_few:
+            leaf, probability, valid = self.choice.sample(shares, choice)
+        else:
+            leaf, probability, _, valid = self.choice.sample(si.p, n, choice, active)
         valid &= active
         geometry, kind = self._geometry(leaf, valid), self._gather(self.kind, leaf, valid)
         found = mi.Vector3f(0, 0, 1), mi.Point3f(0), mi.Spectrum(0), mi.Float(0)
@@ -108,12 +131,13 @@ class BoundedLights:
         weight = dr.select(valid, weight * dr.rcp(probability), 0)
         return LightSample(d, target, weight, pdf * probability, self._gather(self.shape, leaf, valid))
 
-    def pdf(self, si, p, n, active):
+    def pdf(self, si, p, n, active, shares=None):
         """Return the density (``Float``) with which ``sample`` at ``p``, ``n`` finds the point ``si`` of a light."""
         shape = dr.reinterpret_array(mi.UInt32, si.shape)
         leaf = dr.gather(mi.UInt32, self.first, shape, active & (shape < self.shapes))
         active = active & (shape < self.shapes) & (leaf != NOT_SAMPLED)
-        leaf += dr.select(self._gather(self.kind, leaf, active) == TRIANGLE, si.prim_index, 0)
+        if TRIANGLE in self.kinds:
+            leaf += dr.select(self._gather(self.kind, leaf, active) == TRIANGLE, si.prim_index, 0)
         geometry, kind = self._geometry(leaf, active), self._gather(self.kind, leaf, active)
         density = mi.Float(0)
         for one in self.kinds:
@@ -123,21 +147,26 @@ class BoundedLights:
             else:
                 new = _pdf(one, _arguments(one, geometry), p, n, si.p, here)
             density = dr.select(here, new, density)
-        return dr.select(active, density * self.tree.probability(leaf, p, n, active), 0)
+        if self.is_few:
+            probability = self.choice.probability(shares, leaf)
+        else:
+            probability = self.choice.probability(leaf, p, n, active)
+        return dr.select(active, density * probability, 0)
 
     def irradiance(self, si, n, active):
         """Return the irradiance (``Spectrum``) from all lights if nothing lies between; only where ``is_closed``."""
         E = mi.Spectrum(0)
         for number in range(self.count):
-            leaf, kind = mi.UInt32(number), int(self.kind[number])
-            geometry = self._geometry(leaf, True)
+            kind, geometry = self.every_kind[number], self._geometry(number, True)
             seen = active & _faces(kind, geometry, si.p)
             value = SHAPES[kind].irradiance(*_arguments(kind, geometry), si.p, n)
-            E += dr.select(seen, value * self._radiance(leaf, si, seen), 0)
+            E += dr.select(seen, value * self._radiance(number, si, seen), 0)
         return E
 
     def _gather(self, column, leaf, active):
-        return column if self.count == 1 else dr.gather(type(column), column, leaf, active)
+        if self.is_few:
+            return few.pick(column, leaf)
+        return dr.gather(type(column), column, leaf, active)
 
     def _geometry(self, leaf, active):
         return [self._gather(column, leaf, active) for column in self.geometry]
@@ -146,7 +175,7 @@ class BoundedLights:
         """The emitters of primitives: one object or an array of pointers."""
         if len(self.emitters) == 1:
             return self.emitters[0]
-        number = self._gather(self.emitter, leaf, active)
+        number = mi.UInt32(self._gather(self.emitter, leaf, active))
         return dr.gather(mi.EmitterPtr, self.scene.emitters_dr(), number, active)
 
     def _radiance(self, leaf, si, active):

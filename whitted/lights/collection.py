@@ -28,6 +28,7 @@ class Lights:
         self.infinite = infinite_lights(scene, as_points)
         self.bounded = bounded if bounded.count else None
         self.only_met = bounded.only_met
+        self.shares_type = bounded.shares_type
         self.is_closed = bounded.is_closed
         self.groups = [*([bounded] if bounded.count else []), *self.infinite]
         hittable = [group for group in (bounded, *self.infinite) if group.is_hittable]
@@ -35,12 +36,16 @@ class Lights:
         self.is_plain = all(group.is_plain for group in hittable)
         self.environment = next((light for light in self.infinite if light.is_hittable), None)
 
-    def pdf(self, si, p, n, active):
+    def shares(self, p, n, response=None):
+        """Return what the choice among the bounded lights goes by, see `BoundedLights.shares`."""
+        return None if self.bounded is None else self.bounded.shares(p, n, response)
+
+    def pdf(self, si, p, n, active, shares=None):
         """Return the density (``Float``) with which ``sample`` of its group at ``p`` finds the light at ``si``."""
         density = mi.Float(0)
         hit = si.is_valid()
         if self.bounded is not None and self.bounded.is_hittable:
-            density = self.bounded.pdf(si, p, n, active & hit)
+            density = self.bounded.pdf(si, p, n, active & hit, shares)
         if self.environment is not None:
             density = dr.select(hit, density, self.environment.pdf(si, p, n, active & ~hit))
         return density

@@ -32,7 +32,7 @@ class InfiniteLight:
         self.is_hittable = not is_delta(emitter)
         self.needs_choice, self.needs_point = False, self.is_hittable
 
-    def sample(self, si, n, u, choice, active):
+    def sample(self, si, n, u, choice, active, shares=None):
         """Sample a direction; see `BoundedLights.sample`."""
         ds, weight = self.emitter.sample_direction(si, u, active)
         weight = dr.select(active & ~(ds.pdf <= 0), weight, 0)
@@ -51,7 +51,7 @@ class UniformSky(InfiniteLight):
 
     is_plain = True
 
-    def sample(self, si, n, u, choice, active):
+    def sample(self, si, n, u, choice, active, shares=None):
         """Sample the cosine on the receiver's side, or all directions where ``n`` is 0."""
         has_side = ~dr.all(n == 0)
         frame = mi.Frame3f(dr.select(has_side, n, mi.Vector3f(0, 0, 1)))

@@ -10,28 +10,14 @@ where the bounds are too wide for one.
 import drjit as dr
 import mitsuba as mi
 
+from whitted.lights.importance import importance
 from whitted.lights.tree_build import WIDTH, Lights, build
-
-MARGIN = 1e-3  # of a cosine: single precision loses up to 4e-4, in sqrt(1 - c**2) of c near 1
-DEFENCE = 0.2  # of the largest cosine allowed, the least that its mean counts as; tried from 0.02 to 0.5
-FAINTEST = (
-    1e-20  # least importance of what may contribute; the strongest light's is about 0.1 amid the lights
-)
 
 
 class LightTree:
     """A tree over N bounded lights, given by their bounds alone.
 
-    The importance of a node with power Phi for a receiver at ``p`` with normal ``n`` is
-
-    ``Phi / (pi sin^2 theta_e) * mean cosine at the light * mean cosine at the receiver / d^2``,
-
-    where ``d`` is the distance of the centre of its bounding sphere, but at least ``radius / sqrt(3)``: the mean of
-    ``1 / distance^2`` over a ball, seen from its centre, is ``3 / radius^2``. Each cosine is thought of as even over
-    the range that the sphere and the cone of normals allow, and counts as 0 below 0. The importance is 0 only where
-    one of these ranges ends below 0, or that at the light below ``cos theta_e``: then no light comes from the node.
-    Of a small light it is the irradiance, but for a factor common to all: ``Phi / (4 pi) cos / d^2`` of a point, and
-    ``Phi / pi cos cos / d^2`` of a flat diffuse one. Cosines below `MARGIN` count as `MARGIN`.
+    A node's share is that of its `importance` among its siblings.
 
     Args:
         lower, upper: ``float64`` [N, 3], corners of boxes that hold the lights.
@@ -136,41 +122,6 @@ class LightTree:
         return [self._importance(WIDTH * node + number, p, n, active) for number in range(WIDTH)]
 
     def _importance(self, slot, p, n, active):
-        """Return the importance (``Float``) of what is in a slot: 0 if the slot is empty, or for NaN."""
-        x, y, z, radius = dr.gather(mi.Vector4f, self.bounds, 3 * slot, active)
-        *axis, intensity = dr.gather(mi.Vector4f, self.bounds, 3 * slot + 1, active)
-        cos_spread, sin_spread, cos_emission, _ = dr.gather(mi.Vector4f, self.bounds, 3 * slot + 2, active)
-        w = mi.Vector3f(x - p.x, y - p.y, z - p.z)
-        d2, r2 = dr.squared_norm(w), radius * radius
-        is_inside = d2 <= r2
-        inverse = dr.rsqrt(dr.maximum(d2, r2))
-        w = w * inverse
-        sin_box = dr.select(is_inside, 0, radius * inverse)  # inside, the centre may be seen in any direction
-        cos_box = dr.select(is_inside, -1, dr.safe_sqrt(1 - sin_box * sin_box))
-        box, cone = (cos_box, sin_box), (cos_spread, sin_spread)
-        at_receiver, most_at_receiver = _mean_cosine(dr.dot(n, w), box)
-        at_light, most_at_light = _mean_cosine(-dr.dot(mi.Vector3f(axis), w), cone, box)
-        is_one_sided = ~(dr.squared_norm(n) == 0)  # also for NaN
-        lit = (intensity > 0) & (most_at_light > cos_emission - MARGIN)
-        lit = lit & (~is_one_sided | (most_at_receiver > -MARGIN))
-        cosines = at_light * dr.select(is_one_sided, at_receiver, 1)
-        importance = intensity * cosines / dr.maximum(d2, r2 / 3)
-        return dr.select(lit & (importance < dr.inf), dr.maximum(importance, FAINTEST), 0)
-
-
-def _mean_cosine(cosine, *spreads):
-    """Return the mean of ``max(0, x)`` for ``x`` even between the cosines that an angle may have, and the largest.
-
-    The angle has ``cosine`` but may be off by the angles ``spreads``, given as pairs of cosine and sine.
-    """
-    most, least = cosine, -cosine
-    for cos_b, sin_b in spreads:
-        most, least = _cos_difference(most, cos_b, sin_b), _cos_difference(least, cos_b, sin_b)
-    high, low = dr.maximum(most, MARGIN), -least
-    crossing = high * dr.maximum(high / (2 * (high - low)), DEFENCE)
-    return dr.select(low >= 0, (low + high) / 2, crossing), most
-
-
-def _cos_difference(cos_a, cos_b, sin_b):
-    """``cos(max(0, a - b))`` of angles in [0, pi]."""
-    return dr.select(cos_a > cos_b, 1, cos_a * cos_b + dr.safe_sqrt(1 - cos_a * cos_a) * sin_b)
+        """Return the importance (``Float``) of what is in a slot: 0 if the slot is empty."""
+        rows = (dr.gather(mi.Vector4f, self.bounds, 3 * slot + row, active) for row in range(3))
+        return importance([number for row in rows for number in row], p, n)
