@@ -38,6 +38,8 @@ class DistributionIntegrator(mi.SamplingIntegrator):
                                         or ``auto``: shared out by the noise that each effect causes
     ``gloss_samples``           integer rays into rough lobes at the first hit, 1 to 64, or ``auto``     1
     ``interreflection_samples`` integer rays into diffuse lobes at the first hit, 1 to 64, or ``auto``   1
+    ``direct_light``            string  how rough surfaces find lights: by ``rays``, by samples of the   auto
+                                        ``lights``, by ``both``; ``auto``: ``both`` where it pays
     =========================== ======= ================================================================ =======
 
     With :math:`f` the BSDF at :math:`x_k` and all effects on it estimates the rendering equation up to ``max_depth``,
@@ -73,6 +75,11 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         self.effects = effects.parse(props.get("effects", "auto"))
         self.tree_depth = props.get("tree_depth", 1)
         self.samples = {name: props.get(name, 1) for name in SAMPLES}
+        self.direct_light = props.get("direct_light", "auto")
+        if self.direct_light not in ("auto", *effects.TECHNIQUES):
+            raise UsageError(
+                f"direct_light is {self.direct_light!r}; accepted are auto, {', '.join(effects.TECHNIQUES)}"
+            )
         _check("max_depth", self.max_depth, -1, 2**31 - 1)
         _check("rr_depth", self.rr_depth, 1, 2**31 - 1)
         _check("tree_depth", self.tree_depth, 0, 64)
@@ -84,15 +91,19 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         """Return the `effects.Plan` of a ``World`` seen by a sensor; without one nothing is measured."""
         pilot = Pilot(self, world, sensor) if sensor is not None else None
         found = effects.decide(world, sensor, self.effects, self.max_depth, name, pilot)
+        if self.direct_light != "auto":
+            found = dataclasses.replace(found, direct_light=self.direct_light)
+        elif pilot is not None:
+            technique, reason = pilot.direct_light(found.effects)
+            found = dataclasses.replace(found, direct_light=technique, reason=reason)
         if pilot is None or "auto" not in self.samples.values():
             return found
-        return dataclasses.replace(found, samples=pilot.share(found.effects))
+        return dataclasses.replace(found, samples=pilot.share(found))
 
     def fixed(self, plan):
         """Return an integrator that simulates what a plan of this one says, with nothing left to decide."""
-        return mi.load_dict(
-            self.properties() | {"effects": effects.spell(tuple(plan.effects))} | self.samples_of(plan)
-        )
+        decided = {"effects": effects.spell(tuple(plan.effects)), "direct_light": plan.direct_light}
+        return mi.load_dict(self.properties() | decided | self.samples_of(plan))
 
     def samples_of(self, plan):
         """Return the numbers of samples at the first hit by their properties' names, those that are shared out too."""
@@ -101,6 +112,11 @@ class DistributionIntegrator(mi.SamplingIntegrator):
             name: shared.get(kind, 1) if self.samples[name] == "auto" else self.samples[name]
             for name, kind in SAMPLES.items()
         }
+
+    def technique_of(self, plan):
+        """Return how rough surfaces find lights, one of `effects.TECHNIQUES`."""
+        undecided = "both" if self.direct_light == "auto" else self.direct_light
+        return getattr(plan, "direct_light", undecided)
 
     def estimate(self, world, ray, draws, plan, active=True):
         """Estimate the radiance along each eye ray.
@@ -140,7 +156,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
 
     def properties(self):
         """Return the dict that ``mi.load_dict`` makes an equal integrator of."""
-        names = ("max_depth", "rr_depth", "hide_emitters", "tree_depth")
+        names = ("max_depth", "rr_depth", "hide_emitters", "tree_depth", "direct_light")
         values = {name: getattr(self, name) for name in names} | self.samples
         return {"type": "distribution", "effects": effects.spell(self.effects)} | values
 

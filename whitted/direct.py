@@ -30,35 +30,52 @@ class DirectLight:
         albedo: ``Spectrum`` [N], the reflectance of the diffuse lobes; used where ``world.is_lambertian`` or where the
             closed form is.
         closed: ``Bool`` [N], where the closed form pays.
-        combined: which lights rays from here look for as well, so that both share the estimate: None, or masks
+        combined: which lights rays from here look for as well, so that both may share the estimate: None, or masks
             (``Bool`` [N]) for the plain lights (see ``Lights.is_plain``) and for the others.
         samples: how many of each group, ``int`` or ``UInt32`` [N].
         rays: how many rays go on from here, ``int`` or ``UInt32`` [N].
-        rough: ``Bool`` [N], where lights are chosen by what the BSDF makes of them; None: nowhere.
+        rough: ``Bool`` [N], where the surface has rough lobes; None: nowhere.
+        technique: how these find lights that their rays can meet, one of `effects.TECHNIQUES`.
 
     Attributes:
         shares: what the choice of a bounded light went by, see `Lights.shares`; known after ``estimate``.
     """
 
     def __init__(
-        self, world, lights, draws, si, node, albedo, closed, combined=None, samples=1, rays=1, rough=None
+        self,
+        world,
+        lights,
+        draws,
+        si,
+        node,
+        albedo,
+        closed,
+        combined=None,
+        samples=1,
+        rays=1,
+        rough=None,
+        technique="both",
     ):
         self.world, self.lights, self.draws = world, lights, draws
         self.si, self.node, self.combined = si, node, combined
-        self.samples, self.rays, self.rough = samples, rays, rough
+        self.samples, self.rays = samples, rays
+        self.rough, self.technique = rough, technique
         self.n = world.light_side(si)
         self.reflected = albedo * dr.inv_pi
+        if technique == "rays":
+            closed = closed & ~rough
         self.closed = closed & ~dr.all(self.n == 0) & ~dr.all(albedo == 0)
 
     def estimate(self, active):
         """Return the radiance (``Spectrum`` [N]); 0 where not ``active`` (``Bool`` [N])."""
         active = active & self.world.scatters(self.si)
+        if self.technique == "rays" and not any(group.has_deltas for group in self.lights.groups):
+            active = active & ~self.rough
 
         def lit(L, shares, rays, sampler):
             self.world.rays = dict(rays)
-            self.shares = self.lights.shares(
-                self.si.p, self.n, self._response if self.rough is not None else None
-            )
+            sampled = self.rough is not None and self.technique != "rays"
+            self.shares = self.lights.shares(self.si.p, self.n, self._response if sampled else None)
             if self.lights.is_closed:
                 L = when(self.closed, lambda L: L + self._unoccluded(active & self.closed), L)
             for number, group in enumerate(self.lights.groups):
@@ -87,6 +104,8 @@ class DirectLight:
 
     def _group(self, number, group, active):
         """The mean of the samples of one group."""
+        if self.technique == "rays" and not group.has_deltas:
+            active = active & ~self.rough
         is_one = isinstance(self.samples, int) and self.samples == 1
         count = mi.UInt32(self.samples)
 
@@ -134,5 +153,7 @@ class DirectLight:
             mi.BSDFContext(), self.si, self.si.to_local(sample.d), active
         )
         share = power_heuristic(sample.pdf * self.samples, density * self.rays)
+        if self.technique != "both":
+            share = dr.select(self.rough, mi.Float(self.technique == "lights"), share)
         mask = self.combined[0] if group.is_plain else self.combined[1]
         return value * dr.select(mask & (sample.pdf > 0), share, 1)

@@ -4,10 +4,10 @@ Decided from flags and properties of the scene's objects; where these can't deci
 `whitted.pilot`. Left out: effects of participating media.
 """
 
+import dataclasses
 import html
 import json
 import re
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,10 +27,16 @@ NAMES = (
 DIMENSIONS = {"antialiasing": 2, "soft_shadows": 2, "gloss": 2, "translucency": 2, "interreflection": 2}
 DIMENSIONS |= {"depth_of_field": 2, "motion_blur": 1, "reflection": 0, "refraction": 0}
 NEGLIGIBLE = 1e-3  # of the picture's mean: what an effect may change at most to be left out
+# How rough surfaces find the lights that their rays can meet
+TECHNIQUES = {
+    "both": "rays and by sampling the lights",
+    "lights": "sampling the lights",
+    "rays": "rays alone",
+}
 LISTED = 3  # names given as evidence
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Finding:
     """Whether a scene calls for an effect.
 
@@ -57,16 +63,17 @@ class Finding:
         return {name: getattr(self, name) for name in names} | (self.cost or {})
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Plan:
     """What is simulated of a scene, and why: one `Finding` for each of `NAMES`; ``in`` asks for an effect's name."""
 
     scene: str
     findings: tuple
     operations: int | None = None  # of the kernel made from it, where that was measured
-    samples: dict = field(
-        default_factory=dict
-    )  # at the first hit, of "light" and "lobes", where a pilot shared them out
+    # At the first hit, of "light" and "lobes", where a pilot shared them out
+    samples: dict = dataclasses.field(default_factory=dict)
+    direct_light: str = "both"  # how rough surfaces find the lights
+    reason: str = ""  # for that, where a pilot measured it
 
     @property
     def effects(self):
@@ -76,7 +83,7 @@ class Plan:
     def without(self, effects, reason):
         """Return the plan without some effects."""
         left_out = (Finding(f.effect, False, reason) if f.effect in effects else f for f in self.findings)
-        return Plan(self.scene, tuple(left_out))
+        return dataclasses.replace(self, findings=tuple(left_out))
 
     def __contains__(self, effect):
         return effect in self.effects
@@ -88,7 +95,8 @@ class Plan:
         """Return the JSON of ``whitted plan --json``."""
         found = [finding.to_dict() for finding in self.findings]
         kernel = {"operations": self.operations}
-        return {"scene": self.scene, "effects": found, "kernel": kernel, "samples": self.samples}
+        technique = {"direct_light": self.direct_light, "reason": self.reason}
+        return {"scene": self.scene, "effects": found, "kernel": kernel, "samples": self.samples} | technique
 
     def __str__(self):
         rows = [("effect", "called for", "numbers", "operations", "time", "evidence")]
@@ -115,7 +123,11 @@ class Plan:
         ]
         shared = ", ".join(f"{count} of {kind}" for kind, count in self.samples.items())
         head = f"{self.scene}: a kernel of {self.operations} operations" if self.operations else self.scene
-        return "\n".join([head, *lines, *([f"samples at the first hit: {shared}"] if shared else [])])
+        if shared:
+            lines.append(f"samples at the first hit: {shared}")
+        if self.reason:
+            lines.append(f"rough surfaces find lights by {TECHNIQUES[self.direct_light]}: {self.reason}")
+        return "\n".join([head, *lines])
 
     def _repr_html_(self):
         return f"<pre>{html.escape(str(self))}</pre>"

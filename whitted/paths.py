@@ -14,9 +14,9 @@ from whitted import transport
 from whitted.direct import DirectLight, power_heuristic
 from whitted.transport import when
 
-# Tag bits of a ray: it has met only null surfaces; only specular ones; its last lobe was specular; only what it hits
-# emits counts
-CLEAR, CHAIN, SPECULAR, FINAL = 1, 2, 4, 8
+# Tag bits of a ray: it has met only null surfaces; only specular ones; it alone looks for the lights that it may meet;
+# only what it hits emits counts
+CLEAR, CHAIN, ALONE, FINAL = 1, 2, 4, 8
 INFINITE = 2**32 - 1
 VISIT = 16  # the number of surfaces met, counted in the tag's upper bits
 CUTOFF = 1 / 16  # a branch of the tree with less throughput than this survives by roulette
@@ -58,7 +58,10 @@ class Paths:
             +lobe.GlossyTransmission: "translucency" not in plan and bool(flags & lobe.GlossyTransmission),
         }
         self.is_rough = is_rough = bool(flags & lobe.Glossy)
-        self.combines_rough = is_rough and self.lights.is_hittable and not any(self.mirrored.values())
+        self.technique = integrator.technique_of(plan)
+        seeks = is_rough and self.lights.is_hittable and not any(self.mirrored.values())
+        self.seeks_alone = seeks and self.technique == "rays"  # rough surfaces look for lights by rays only
+        self.combines_rough = seeks and not self.seeks_alone
         self.combines_diffuse = self.interreflects and self.lights.is_hittable and not self.lights.is_plain
         self.meets = self.lights.only_met and bool(flags & lobe.Smooth)
         self.combines = self.combines_rough or self.combines_diffuse or self.meets
@@ -70,9 +73,7 @@ class Paths:
         )
         specular = any(follows and flags & kind for follows, kind in followed)
         self.has_specular = self.scatters and self.world.branching > 0 and specular
-        self.has_smooth = self.scatters and (
-            self.interreflects or follows_rough or self.combines_rough or self.meets
-        )
+        self.has_smooth = self.scatters and (self.interreflects or follows_rough or seeks or self.meets)
         self.may_end = limit < 0 or limit > integrator.rr_depth
         self.splits = max(
             self.gloss_samples if is_rough else 1, self.diffuse_samples if self.interreflects else 1
@@ -93,7 +94,7 @@ class Paths:
             mi.Spectrum(1),
             mi.Float(1),
             mi.UInt32(0),
-            mi.UInt32(CLEAR | CHAIN | SPECULAR),
+            mi.UInt32(CLEAR | CHAIN | ALONE),
             mi.UInt32(0),
         )
         if self.combines:
@@ -156,6 +157,7 @@ class Paths:
             samples=self._count(vertex, self.light_samples),
             rays=self._count(vertex, self.gloss_samples if self.splits > 1 else 1),
             rough=vertex.rough if self.is_rough else None,
+            technique=self.technique if self.combines_rough or self.seeks_alone else "both",
         )
         sums["radiance"] += dr.select(within, node.w * light.estimate(within), 0)
 
@@ -181,19 +183,22 @@ class Paths:
             return mi.Float(1)
         if self.lights.as_points:
             return dr.select((node.tag & CHAIN) != 0, mi.Float(1), 0)
-        specular = (node.tag & SPECULAR) != 0
+        alone = (node.tag & ALONE) != 0
         if not self.combines:
-            return dr.select(specular, mi.Float(1), 0)
-        combined = active & ~specular & (node.pdf != 0) & (si.emitter(self.world.scene) != None)  # noqa: E711
+            return dr.select(alone, mi.Float(1), 0)
+        combined = active & ~alone & (node.pdf != 0) & (si.emitter(self.world.scene) != None)  # noqa: E711
 
         shares = node.shares if self.lights.shares_type else mi.Float(1)
 
         def share(weight):
-            weight = power_heuristic(dr.abs(node.pdf), self.lights.pdf(si, node.p, node.n, combined, shares))
+            sampled = self.lights.pdf(si, node.p, node.n, combined, shares)
+            weight = power_heuristic(dr.abs(node.pdf), sampled)
+            if self.technique == "lights":
+                weight = dr.select((node.pdf > 0) & (sampled > 0), 0, weight)
             return dr.select((node.pdf < 0) & self.lights.is_plain_at(si), 0, weight)
 
         weight = when(combined, share, mi.Float(0))
-        return dr.select(specular, mi.Float(1), dr.select(combined, weight, 0))
+        return dr.select(alone, mi.Float(1), dr.select(combined, weight, 0))
 
     def _vertex(self, si, node, hit, within):
         """What is known of a surface point before anything is followed from there."""
@@ -202,8 +207,8 @@ class Paths:
         onwards = node.depth + 2 < self.max_depth
         is_seen = (node.tag & CHAIN) != 0
         combined = None
-        if self.combines:
-            plain = rough & self.combines_rough
+        if self.combines or self.seeks_alone:
+            plain = rough & (self.combines_rough or self.seeks_alone)
             combined = plain, plain | (onwards & self.combines_diffuse) | self.meets
         albedo = mi.Spectrum(0)
         if self.lights.is_closed or self.world.is_lambertian:
@@ -265,7 +270,8 @@ class Paths:
             | (transmits & self.refracts)
             | (~reflects & ~transmits & self.interreflects)
         )
-        active &= (followed | (vertex.rough & self.combines_rough) | self.meets) & ~dr.all(weight == 0)
+        seeks = self.combines_rough or self.seeks_alone
+        active &= (followed | (vertex.rough & seeks) | self.meets) & ~dr.all(weight == 0)
         if self.splits > 1:
             wanted = dr.select(reflects | transmits, mi.UInt32(self.gloss_samples), self.diffuse_samples)
             wanted = dr.select(vertex.is_first, wanted, 1)
@@ -275,6 +281,8 @@ class Paths:
         wo = self._centred(si, sample, reflects, transmits)
         child = self._child(node, node.w * weight, sample.eta, j + self.world.branching)
         child.tag |= dr.select(followed, mi.UInt32(0), FINAL)
+        if self.seeks_alone:
+            child.tag |= dr.select(vertex.rough, mi.UInt32(ALONE), 0)
         ray = self.world.spawn(si, si.to_world(wo))
         child.o, child.d = ray.o, ray.d
         if self.combines:
@@ -340,7 +348,7 @@ class Paths:
             reflects = mi.has_flag(kind, mi.BSDFFlags.DeltaReflection)
             followed = straight | (vertex.active & ((reflects & self.reflects) | (~reflects & self.refracts)))
             child = self._child(node, node.w * weight, eta, slot)
-            child.tag |= dr.select(straight, node.tag % VISIT, (node.tag & CHAIN) | mi.UInt32(SPECULAR))
+            child.tag |= dr.select(straight, node.tag % VISIT, (node.tag & CHAIN) | mi.UInt32(ALONE))
             child.depth = dr.select(straight, node.depth, child.depth)
             share = dr.select(active & followed, _importance(child.w, child.eta), 0)
             lobes.append((child, wo, share, reflects))

@@ -9,6 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from whitted import techniques
 from whitted.film import cropped, eye_rays, luminance
 from whitted.sampling.draws import Draws, joint_dimensions
 from whitted.sampling.groups import Segments, opaque_seed
@@ -57,23 +58,42 @@ class Pilot:
             bound = self._difference(effect, frozenset(called))
         return not bound["relative"] <= negligible, evidence, bound
 
-    def share(self, called):
+    def share(self, plan):
         """Return how many samples of each kind of `SAMPLED` to take at the first hit, by the noise that each causes.
 
         With the variances V and the costs C of a kind and of the rest of a sample, the noise of a given time is least
         with sqrt(V_kind / V_rest * C_rest / C_kind) of them [ArvoKirk1990]. The variances are those of independent
         numbers: one more run of the same samples has the numbers of one kind drawn anew, one has all.
         """
-        effects = frozenset(called)
         with dr.suspend_grad(), cropped(self.sensor):
-            first = self._redrawn(effects, set())
+            first = self._redrawn(plan, set())
             rays = {kind: float(dr.sum(count)[0]) / SAMPLES for kind, count in self.world.rays.items()}
-            noise = {kind: _variance(first, self._redrawn(effects, {kind})) for kind in ("light", "lobes")}
-            rest = _variance(first, self._redrawn(effects, {"light", "lobes", "eye"})) - sum(noise.values())
-        groups = len(self.world.lights("soft_shadows" not in effects).groups)
+            noise = {kind: _variance(first, self._redrawn(plan, {kind})) for kind in ("light", "lobes")}
+            rest = _variance(first, self._redrawn(plan, {"light", "lobes", "eye"})) - sum(noise.values())
+        groups = len(self.world.lights("soft_shadows" not in plan).groups)
         below = max(sum(rays.values()) - rays["eye"] - groups, 0.5)
         cost = {"eye": EYE_COST, "light": float(groups), "lobes": below}
         return {kind: _share(noise[kind], max(rest, 0), cost["eye"], cost[kind]) for kind in noise}
+
+    def direct_light(self, called):
+        """Return how the light at rough surfaces is best found, ``both`` or ``rays``, and why.
+
+        Samples of the lights pay if they take off the variance more than they add to the time.
+        """
+        effects = frozenset(called)
+        is_rough = self.world.flags & mi.BSDFFlags.Glossy
+        if not (is_rough and effects & {"gloss", "translucency"} and self.world.lights().is_hittable):
+            return "both", ""
+        with dr.suspend_grad(), cropped(self.sensor):
+            ray, weight, _, _, active = self._eye_rays(effects)
+            more, samples, rays = techniques.excess(self.world, ray, active, seed=1)
+            more = luminance(more * dr.square(weight), ray.wavelengths).numpy().astype(np.float64)
+            both = _variance(self._redrawn(effects, set()), self._redrawn(effects, {"light", "lobes", "eye"}))
+        more = max(float(more[np.isfinite(more)].mean()), 0) / both if both > 0 else np.inf
+        slower = techniques.SAMPLE_COST * samples / rays
+        saved = 100 * slower / (1 + slower)
+        said = f"rays alone would have {100 * more:.3g} % more variance in {saved:.2g} % less time"
+        return "rays" if more < slower else "both", said
 
     def _redrawn(self, plan, kinds):
         """The luminance of the pilot's samples with other numbers for some kinds: a float64 array."""

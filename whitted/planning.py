@@ -64,10 +64,9 @@ def _with_choice(spec, scene):
 
 def _with_costs(found, integrator, world, sensor):
     """The plan with what each effect that is called for adds to the kernel, and its share of the time."""
-    called = frozenset(found.effects)
-    alternatives = {effect: called - {effect} for effect in found.effects}
+    alternatives = {effect: found.without([effect], "left out") for effect in found.effects}
     with cropped(sensor) as window:
-        whole = _Timed(integrator, world, sensor, called, window)
+        whole = _Timed(integrator, world, sensor, found, window)
         others = {e: _Timed(integrator, world, sensor, plan, window) for e, plan in alternatives.items()}
         for _ in range(TURNS):
             for timed in (whole, *others.values()):

@@ -35,6 +35,7 @@ class BoundedLights:
         is_plain: at a diffuse surface none that a ray can meet needs a second technique beside ``sample``.
         is_hittable: a ray can meet some.
         only_met: there are others that can't be sampled, so that only rays that meet them find their light.
+        has_deltas: a ray can't meet some.
         needs_choice, needs_point: ``sample`` uses ``choice``, and ``u``.
 
     Args:
@@ -49,12 +50,13 @@ class BoundedLights:
         self.every_kind = [int(kind) for kind in parts.kind]
         self.kinds = sorted(set(self.every_kind))
         self.is_few = self.count <= few.MOST
-        self.is_closed = 0 < self.count and self.is_few and set(self.kinds) <= CLOSED
+        self.is_closed = self.count > 0 and self.is_few and set(self.kinds) <= CLOSED
         met = [
             kind
             for kind, e in zip(parts.kind, parts.emitter, strict=True)
             if not is_delta(self.emitters[int(e)])
         ]
+        self.has_deltas = len(met) < self.count
         self.only_met = parts.only_met
         self.is_hittable = (bool(met) or self.only_met) and not as_points
         self.is_plain = MITSUBA not in met and not self.only_met

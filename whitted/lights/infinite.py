@@ -30,6 +30,7 @@ class InfiniteLight:
         self.scene, self.emitter = scene, emitter
         self.centre, self.radius = bounds
         self.is_hittable = not is_delta(emitter)
+        self.has_deltas = not self.is_hittable
         self.needs_choice, self.needs_point = False, self.is_hittable
 
     def sample(self, si, n, u, choice, active, shares=None):

@@ -1,0 +1,100 @@
+"""How rough surfaces look for lights: the three ways have the same mean, and the pilot takes the cheaper one."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+from distribution_scenes import DISTRIBUTION, Difference, assert_same, gallery, panel, reference, renders
+from whitted_scenes import EMITTERS
+
+import whitted
+from whitted import techniques
+from whitted.effects import TECHNIQUES
+from whitted.world import World
+
+METALS = {f"alpha{alpha}": {"type": "roughconductor", "alpha": alpha} for alpha in (0.03, 0.1, 0.3)}
+METALS["plastic"] = {"type": "roughplastic", "alpha": 0.1}
+METALS["glass"] = {"type": "roughdielectric", "alpha": 0.2}
+
+
+def stage(bsdfs=METALS, **lights):
+    balls = {
+        f"ball{n}": {
+            "type": "sphere",
+            "center": [0.9 * (n % 3) - 0.9, 0.4 + 0.9 * (n // 3), 0],
+            "radius": 0.4,
+        }
+        | {"bsdf": bsdf}
+        for n, bsdf in enumerate(bsdfs.values())
+    }
+    return gallery(balls, **lights)
+
+
+AREA = {"type": "area", "radiance": 4.0}
+LIGHTS = {
+    "one": lambda: {"panel": panel()},
+    "few, and a point among them": lambda: {
+        "panel": panel(),
+        "lamp": {"type": "sphere", "center": [1.5, 2.5, 1.5], "radius": 0.3, "emitter": AREA},
+        "point": EMITTERS["point"](),
+        "sky": EMITTERS["constant"](),
+    },
+}
+
+
+@pytest.mark.parametrize("lights", LIGHTS)
+def test_the_three_ways_have_one_mean(lights):
+    scene = stage(**LIGHTS[lights]())
+    expected = renders(scene, reference(scene, max_depth=4), 256)
+    for technique in TECHNIQUES:
+        found = renders(
+            scene, DISTRIBUTION | {"direct_light": technique}, 256 if technique == "both" else 1024
+        )
+        # Lights seen in a smooth metal by samples of the lights alone are rare and bright, as are small ones by rays
+        assert_same(found, expected, 0.05 if technique == "both" else 0.1)
+
+
+def test_light_that_only_rays_find_is_told():
+    scene = stage(panel=panel())
+    found = renders(scene, DISTRIBUTION | {"direct_light": "rays"}, 256)
+    without = renders(scene, DISTRIBUTION | {"effects": "soft_shadows"}, 256)
+    assert Difference.of(found, without).ratio > 1
+
+
+@pytest.mark.parametrize(("name", "expected"), [("gloss", "both"), ("translucency", "rays")])
+def test_the_pilot_takes_what_pays(name, expected):
+    scene = whitted.load(name)
+    plan = whitted.plan(scene, costs=False)
+    assert plan.direct_light == expected
+    assert "more variance" in str(plan)
+    scene = scene.mitsuba
+    fixed = mi.load_dict({"type": "distribution"}).fixed(plan)
+    assert fixed.properties()["direct_light"] == expected
+
+
+def test_the_excess_of_variance_is_that_of_the_pictures():
+    """On one metal ball under a light; with one sample per pixel, so that nothing is stratified."""
+    scene = stage({"metal": {"type": "roughconductor", "alpha": 0.3}}, panel=panel())
+    size = scene.sensors()[0].film().size()
+    properties = {"type": "distribution", "effects": "soft_shadows+gloss", "max_depth": 2}
+
+    def variance(technique):
+        integrator = mi.load_dict(properties | {"direct_light": technique})
+        pictures = np.array([mi.render(scene, integrator=integrator, spp=1, seed=n) for n in range(4000)])
+        return pictures[..., :3].var(0, ddof=1).mean((0, 1))
+
+    measured = variance("rays") - variance("both")
+    repeats = 4000
+    y, x = np.mgrid[: size[1], : size[0]]
+    place = np.stack([(x.ravel() + 0.5) / size[0], (y.ravel() + 0.5) / size[1]]).astype(np.float32)
+    ray, weight = scene.sensors()[0].sample_ray(0, 0.5, mi.Point2f(np.tile(place, repeats)), mi.Point2f(0.5))
+    more, samples, rays = techniques.excess(World(scene), ray, mi.Bool(True), seed=3)
+    found = np.array([float(dr.mean(channel)[0]) for channel in more * dr.square(weight)])
+    np.testing.assert_allclose(found, measured, rtol=0.1)
+    assert (found > 0).all()
+    assert 0 < samples < 1 <= rays
+
+
+def test_unknown_ways_are_refused():
+    with pytest.raises(RuntimeError, match="direct_light is 'ray'; accepted are auto, both, lights, rays"):
+        mi.load_dict({"type": "distribution", "direct_light": "ray"})
