@@ -1,8 +1,8 @@
 """Whether it pays to sample the lights from rough surfaces, whose own rays may find them as well.
 
 With ``F`` the light scattered to the eye from a direction, ``p`` the density of the surface's rays and ``q`` that of a
-sample of the lights, the second moment of rays alone is the integral of ``F^2 / p``. Both techniques estimate it, as they
-do that of ``F``, so that it is known even where no ray of the surface happens to meet the light; with the combined
+sample of the lights, the second moment of rays alone is the integral of ``F^2 / p``. Both techniques estimate it, as
+they do that of ``F``, so that it is known even where no ray of the surface happens to meet the light; with the combined
 estimate ``Z`` of the same samples
 
     E[F_q^2 / (p (p + q)) + F_p^2 / (p (p + q)) - Z^2]

@@ -48,7 +48,7 @@ class FewLights:
         return self.shares_type(weights) * dr.select(total > 0, dr.rcp(total), 0)
 
     def sample(self, shares, u):
-        """Choose a light by a ``Float`` [M] in [0, 1): its number (``UInt32``), its probability, whether there is one."""
+        """Choose a light by a ``Float`` [M] in [0, 1): its number (``UInt32``), its probability, if there is one."""
         if self.count == 1:
             return mi.UInt32(0), shares, mi.Bool(True)
         leaf, probability, below = mi.UInt32(0), mi.Float(0), mi.Float(0)
