@@ -182,7 +182,7 @@ class Pilot:
             hits += dr.select(met & was_diffuse, mi.UInt32(1), 0)
             is_diffuse = met & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Diffuse)
             tries += dr.select(is_diffuse, mi.UInt32(1), 0)
-            return met, si.spawn_ray(si.to_world(sample.wo)), is_diffuse, tries, hits, sampler
+            return met, self.world.spawn(si, si.to_world(sample.wo)), is_diffuse, tries, hits, sampler
 
         start = (active, ray, mi.Bool(False), mi.UInt32(0), mi.UInt32(0), sampler)
 

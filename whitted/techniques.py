@@ -56,7 +56,7 @@ def excess(world, ray, active, seed):
 
         bs, weight = si.bsdf().sample(context, si, sampler.next_1d(), sampler.next_2d(), active)
         active &= ~dr.all(weight == 0)
-        onwards = si.spawn_ray(si.to_world(bs.wo))
+        onwards = world.spawn(si, si.to_world(bs.wo))
         following = world.scene.ray_intersect(onwards, active)
         rays += dr.select(active, mi.UInt32(1), 0)
         found = rough & active & ~mi.has_flag(bs.sampled_type, mi.BSDFFlags.Delta)

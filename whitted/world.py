@@ -11,9 +11,10 @@ from whitted import lobes
 from whitted.errors import UsageError
 from whitted.lights.collection import Lights
 from whitted.lights.primitives import mean_radiance, registry_number
+from whitted.offsets import Offsets
 
 NEAR = 1e-3  # of the way to a light: rays that end so early don't meet its own surface
-ROUNDING = 2e-6  # likewise of the way to a point in space
+ROUNDING = 5e-7  # likewise of the way to a point in space
 KINDS = ("eye", "shadow", "reflection", "transmission", "interreflection")
 
 
@@ -59,6 +60,7 @@ class World:
         shapes = {shape.emitter().ptr: shape for shape in scene.shapes() if shape.emitter() is not None}
         self._light_shapes = [registry_number(shapes[e.ptr]) if e.ptr in shapes else 0 for e in self.emitters]
         self.is_crowded = _is_crowded(scene)
+        self.offsets = Offsets(scene)
         self._lights = {}
         self.forget_rays()
 
@@ -95,7 +97,7 @@ class World:
             return active & si.is_valid() & (si.shape.emitter() != None)  # noqa: E711 (a pointer array)
 
         def step(si, active):
-            si = self.scene.ray_intersect(si.spawn_ray(ray.d), mi.RayFlags.All, False, active)
+            si = self.scene.ray_intersect(self.spawn(si, ray.d), mi.RayFlags.All, False, active)
             return si, on_emitter(si, active)
 
         start = on_emitter(si, active)
@@ -142,8 +144,10 @@ class World:
 
     def _shadow_ray(self, si, target, shape, exact, inside):
         """The ray to ``target``, and the distance from which on it is there if it meets the light's own surface."""
-        ray = si.spawn_ray_to(target)
-        distance, on_surface = dr.norm(target - ray.o), shape != 0
+        ray = self.spawn(si, target - si.p)
+        way, on_surface = target - ray.o, shape != 0
+        distance = dr.norm(way)
+        ray.d = way / distance
         ray.maxt = distance * (1 - ROUNDING)
         reach = mi.Float(0) if inside else distance * (1 - NEAR)
         if not exact:
@@ -158,7 +162,7 @@ class World:
 
     def spawn(self, si, direction):
         """Return a ``Ray3f`` that leaves the surface at ``si`` in a world-space ``direction``."""
-        return si.spawn_ray(direction)
+        return mi.Ray3f(self.offsets.origin(si, direction), direction, si.time, si.wavelengths)
 
     def emission(self, si, active):
         """Return the ``Spectrum`` emitted towards the ray's origin by what it met, or by the environment."""

@@ -1,0 +1,145 @@
+"""Where a ray leaves a surface from: beside the computed point by the bound of its rounding errors, and no more.
+
+Mitsuba moves the origin by 8.9e-5 (1 + max |p|), whatever the surface: 9 cm at 1,000, and more than the size of what is
+smaller than 1e-4. The bound of a point on a triangle grows with its corners' coordinates along the normal alone, so
+that it is 0 on a floor at y = 0. Source: [PharrJakobHumphreys2023], section 6.8, for the bounds and for rounding away
+from the surface; here that of a triangle holds for all of its points, and is looked up. Left out: shapes that are
+intersected by iteration (curves, ``sdfgrid``, ``ellipsoids``), which keep Mitsuba's offset.
+"""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from whitted.lights.primitives import registry_number
+from whitted.lobes import objects_of
+
+ULP = 2.0**-23  # the distance of neighbouring numbers, at most, relative
+# Bits of a shape's entry: it has an error for each face; the distance counts too; the first one's number
+FACES, CURVED, INDEX = 1 << 31, 1 << 30, (1 << 30) - 1
+UNKNOWN = 0xFFFFFFFF
+MITSUBA = 1500 * 2.0**-24  # its epsilon
+
+
+def gamma(operations):
+    """Return the bound of the relative error after so many roundings in single precision."""
+    return operations * 2.0**-24 / (1 - operations * 2.0**-24)
+
+
+class Offsets:
+    """The rounding errors of points on the surfaces of a scene, along the normal.
+
+    Args:
+        scene: ``mi.Scene``.
+    """
+
+    def __init__(self, scene):
+        nested = _nested(scene)
+        is_bounded = all(_kind(shape) is not None for shape in nested)
+        entries, errors, count = {}, [np.zeros(2)], 2  # the first is that of what isn't met
+        for shape in scene.shapes():
+            found = _instance_error(shape) if _is_instance(shape) and is_bounded else _error(shape)
+            if found is not None:
+                bits, error = found
+                entries[registry_number(shape)] = bits + count
+                errors.append(error)
+                count += len(error)
+        self.has_instances = bool(nested)
+        self.all_known = len(entries) == len(scene.shapes())
+        first = np.full(max(entries, default=0) + 1, 0 if self.all_known else UNKNOWN, np.uint32)
+        for number, entry in entries.items():
+            first[number] = entry
+        self.has_curved = any(entry & CURVED for entry in entries.values())
+        self.first, self.shapes = mi.UInt32(first.tolist()), dr.opaque(mi.UInt32, len(first))
+        self.errors = mi.Float(np.concatenate(errors).tolist())
+
+    def origin(self, si, direction):
+        """Return the ``Point3f`` [N] from which a ray in a world-space ``direction`` leaves a surface.
+
+        Args:
+            si: ``SurfaceInteraction3f`` [N], valid in the lanes that count.
+            direction: ``Vector3f`` [N], of any length.
+        """
+        step = dr.mulsign(si.n, dr.dot(si.n, direction)) * self._error(si)
+        o = si.p + step
+        return o + dr.select(step == 0, 0, dr.mulsign(dr.abs(o) * ULP, step))
+
+    def _error(self, si):
+        """The bound of the error of ``si.p`` along the normal (``Float``)."""
+        shape = dr.reinterpret_array(mi.UInt32, si.shape)
+        if self.has_instances:
+            instance = dr.reinterpret_array(mi.UInt32, si.instance)
+            shape = dr.select(instance != 0, instance, shape)
+        inside = shape < self.shapes
+        entry = dr.gather(mi.UInt32, self.first, shape, inside)
+        known = inside if self.all_known else inside & (entry != UNKNOWN)
+        index = (entry & INDEX) + dr.select(entry >= FACES, si.prim_index, 0)
+        error = dr.gather(mi.Float, self.errors, index, known)
+        if self.has_curved:
+            error += dr.select((entry & CURVED) != 0, gamma(6) * si.t, 0)
+        if self.all_known:
+            return error
+        return dr.select(known, error, MITSUBA * (1 + dr.max(dr.abs(si.p))))
+
+
+def _error(shape):
+    """The bits of a shape's entry, and the bounds of the errors (``float64``) of its points along the normal."""
+    kind = _kind(shape)
+    if kind == "mesh":
+        return FACES, _face_errors(shape)
+    if kind == "curved":
+        box = shape.bbox()
+        largest = np.maximum(np.abs(np.array(box.min)), np.abs(np.array(box.max))).astype(np.float64)
+        return CURVED, np.array([gamma(6) * np.linalg.norm(largest)])
+    return None
+
+
+def _kind(shape):
+    if shape.is_mesh():
+        return "mesh"
+    exact = (mi.ShapeType.Sphere, mi.ShapeType.Disk, mi.ShapeType.Cylinder, mi.ShapeType.Rectangle)
+    return "curved" if shape.shape_type() in map(int, exact) else None
+
+
+def _face_errors(mesh):
+    """For each face ``gamma_7 |n| . max |v|``, with its unit normal and the largest coordinates of its corners."""
+    v = np.array(mesh.vertex_positions_buffer(), np.float64).reshape(-1, 3)
+    corners = v[np.array(mesh.faces_buffer()).reshape(-1, 3)]
+    n = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(n, axis=1, keepdims=True)
+    n = np.divide(n, length, out=np.full_like(n, np.sqrt(1 / 3)), where=length > 0)
+    return gamma(7) * np.einsum("fi,fi->f", np.abs(n), np.abs(corners).max(axis=1))
+
+
+def _is_instance(shape):
+    return shape.class_name() == "Instance"
+
+
+def _instance_error(instance):
+    """Bounds for all that an instance may show: in its own coordinates, and by the transform of these."""
+    to_world = np.array(mi.traverse(instance)["to_world"].matrix, np.float64).reshape(4, 4)
+    box = instance.bbox()
+    low, high = np.array(box.min, np.float64), np.array(box.max, np.float64)
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3)
+    local = (corners - to_world[:3, 3]) @ np.linalg.inv(to_world[:3, :3]).T
+    spread = np.abs(to_world[:3, :3]) @ np.abs(local).max(axis=0) + np.abs(to_world[:3, 3])
+    return CURVED, np.array([gamma(16) * np.linalg.norm(spread)])
+
+
+def _nested(scene):
+    """The shapes inside of shape groups."""
+    outer = {shape.ptr for shape in scene.shapes()}
+    found = {}
+
+    def visit(node):
+        for child in objects_of(node).values():
+            if isinstance(child, mi.Shape) and child.ptr not in found:
+                found[child.ptr] = child
+                visit(child)
+
+    visit(scene)
+    return [shape for pointer, shape in found.items() if pointer not in outer and not _is_group(shape)]
+
+
+def _is_group(shape):
+    return shape.class_name() == "ShapeGroupPlugin"
