@@ -39,7 +39,8 @@ class DistributionIntegrator(mi.SamplingIntegrator):
     ``gloss_samples``           integer rays into rough lobes at the first hit, 1 to 64, or ``auto``     1
     ``interreflection_samples`` integer rays into diffuse lobes at the first hit, 1 to 64, or ``auto``   1
     ``direct_light``            string  how rough surfaces find lights: by ``rays``, by samples of the   auto
-                                        ``lights``, by ``both``; ``auto``: ``both`` where it pays
+                                        ``lights``, by ``both``; ``auto``: ``both`` where it pays, if
+                                        ``effects`` is ``auto`` too, else ``both``
     =========================== ======= ================================================================ =======
 
     With :math:`f` the BSDF at :math:`x_k` and all effects on it estimates the rendering equation up to ``max_depth``,
@@ -93,7 +94,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         found = effects.decide(world, sensor, self.effects, self.max_depth, name, pilot)
         if self.direct_light != "auto":
             found = dataclasses.replace(found, direct_light=self.direct_light)
-        elif pilot is not None:
+        elif pilot is not None and self.effects == "auto":
             technique, reason = pilot.direct_light(found.effects)
             found = dataclasses.replace(found, direct_light=technique, reason=reason)
         if pilot is None or "auto" not in self.samples.values():

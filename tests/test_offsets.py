@@ -14,7 +14,7 @@ from whitted.world import World
 RAYS = 100_000
 DIRECTION = np.array([1, 0.3, -0.7])
 SCALES = (1e-6, 1e-3, 1.0, 1e3, 1e6)
-# Rays slip through between the triangles of a mesh, since Embree isn't told to be robust; those within 2 / 40 of the axis
+# Rays slip through between the triangles of a mesh, as Embree is not told to be robust; those within 2 / 40 of the axis
 # leave by the ends of the cylinder; others pass the edges of an instance, where its transform rounds at a distance
 MOST_LOST = {"mesh": 1e-4, "sphere": 0, "cylinder": 1e-3, "instance of a cube": 5e-4}
 
