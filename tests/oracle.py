@@ -12,6 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from whitted.offsets import Offsets
 from whitted.sampling.draws import Draws
 
 KINDS = ("eye", "shadow", "reflection", "transmission")
@@ -146,7 +147,7 @@ class Oracle:
 
     def __init__(self, scene, max_depth=8, min_contribution=1 / 1024, mistake=None):
         self.scene, self.max_depth, self.min_contribution = scene, max_depth, min_contribution
-        self.mistake = mistake
+        self.mistake, self.offsets = mistake, Offsets(scene)
         self.bsdfs = list({shape.bsdf().ptr: shape.bsdf() for shape in scene.shapes()}.values())
         self.branching = max(map(lobe_count, self.bsdfs), default=0)
 
@@ -209,8 +210,8 @@ class Oracle:
                 "id": level["id"] * self.branching + (slot + 1),
                 "clear": level["clear"] & clear,
             }
-            leaving = si.spawn_ray(si.to_world(wo))
-            child["o"], child["d"] = leaving.o, leaving.d
+            child["d"] = si.to_world(wo)
+            child["o"] = self.offsets.origin(si, child["d"])
             share = dr.max(child["w"]) * dr.square(child["eta"])
             throughput = dr.mean(child["w"]) * dr.square(child["eta"])
             present = hit & (share > 0)
@@ -261,7 +262,7 @@ class Oracle:
 
     def _visibility(self, si, target, active):
         passed = mi.Spectrum(1)
-        ray = si.spawn_ray_to(target)
+        ray = self._towards(si, target)
         while True:
             dr.eval(passed, active, ray)
             if not dr.any(active):
@@ -271,7 +272,13 @@ class Oracle:
             for bsdf, here in self._instances(met, active):
                 passed = dr.select(here, passed * straight_through(bsdf, met, here), passed)
             active = active & dr.any(passed != 0)
-            ray = met.spawn_ray_to(target)
+            ray = self._towards(met, target)
+
+    def _towards(self, si, target):
+        """The ray to a point, but for the last bit of the way."""
+        ray = mi.Ray3f(self.offsets.origin(si, target - si.p), target - si.p)
+        ray.d, ray.maxt = dr.normalize(target - ray.o), dr.norm(target - ray.o) * (1 - 1e-3)
+        return ray
 
     def _children(self, si, hit):
         """Return `branching` lobes, those of the BSDF that each lane has met."""

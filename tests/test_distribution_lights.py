@@ -121,6 +121,16 @@ def test_the_inside_of_a_lamp_lights_itself():
     assert not np.any(mi.render(dark, integrator=mi.load_dict(DISTRIBUTION), spp=16))
 
 
+def test_what_is_inside_of_a_lamp_casts_its_shadow():
+    bsdf = {"type": "diffuse", "reflectance": 0.5}
+    lamp = {"type": "sphere", "radius": 2.0, "flip_normals": True, "bsdf": bsdf}
+    lamp |= {"emitter": {"type": "area", "radiance": 1.0}}
+    sensor = camera(size=16) | {"to_world": transform().look_at([0.3, 0.2, 1.2], [0, 0, -1], [0, 1, 0])}
+    things = {"ball": {"type": "sphere", "radius": 0.6, "center": [0, 0, -0.9]}, "lamp": lamp}
+    scene = mi.load_dict({"type": "scene", "sensor": sensor, **things}, optimize=False)
+    assert_agrees(scene, DISTRIBUTION | {"max_depth": 2}, spp=256, detectable=0.005)
+
+
 PANES = {
     "rough glass": {"type": "roughdielectric", "alpha": 0.3},
     "diffuse both ways": {"type": "principledthin", "spec_trans": 0.3, "diff_trans": 1.2},

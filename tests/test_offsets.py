@@ -163,6 +163,39 @@ def test_the_bound_of_a_face_is_that_of_its_points():
         assert bound <= gamma(7.01) * np.abs(corners).max() * np.sqrt(3)
 
 
+@pytest.mark.parametrize("distance", [1, 30, 1e3])
+@pytest.mark.parametrize("name", ["sphere", "disk", "cylinder", "instance of a sphere"])
+def test_no_self_hits_of_what_is_met_from_afar(name, distance):
+    """The error of a point grows with the distance from which it was met."""
+    centre, place = np.array([1, 2, 0.3]), transform().rotate([0.6, 0.8, 0], 40).scale(0.5)
+    to_world = transform().translate(centre) @ place
+    if name.startswith("instance"):
+        things = instanced("sphere")(0.5, centre)
+        things["instance"]["to_world"] = to_world @ transform().scale([1, 0.5, 0.8])
+    else:
+        things = {"shape": {"type": name, "to_world": to_world}}
+    scene = mi.load_dict({"type": "scene", **things})
+    rng = np.random.default_rng(4)
+    away, beside, local = rng.normal(size=(3, 3, RAYS))
+    away /= np.linalg.norm(away, axis=0)
+    d = (0.3 * beside - distance * away).astype(np.float32)
+    ray = mi.Ray3f(
+        mi.Point3f((centre[:, None] + distance * away).astype(np.float32)), dr.normalize(mi.Vector3f(d))
+    )
+    si = scene.ray_intersect(ray)
+    assert 0.05 < si.is_valid().numpy().mean() < 0.99
+    out = dr.normalize(mi.Vector3f(local.astype(np.float32)))
+    out = dr.mulsign(out, dr.dot(out, si.n) * dr.dot(si.n, -ray.d))
+    outside = si.is_valid()
+    if name == "cylinder":  # it is open
+        axis = mi.Vector3f(np.array(place.matrix)[:3, 2])
+        outside &= (
+            dr.dot(si.n, si.p - dr.fma(dr.dot(si.p - centre, axis) / dr.squared_norm(axis), axis, centre)) > 0
+        )
+        outside &= dr.dot(si.n, ray.d) < 0
+    assert not dr.any(outside & scene.ray_test(World(scene).spawn(si, out), outside))
+
+
 def test_shapes_intersected_by_iteration_keep_the_offset_of_mitsuba(tmp_path):
     scene = mi.load_dict(
         {"type": "scene", "grid": OF_MITSUBA["sdfgrid"](tmp_path), "ball": {"type": "sphere"}}

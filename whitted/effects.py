@@ -69,7 +69,9 @@ class Plan:
 
     scene: str
     findings: tuple
-    operations: int | None = None  # of the kernel made from it, where that was measured
+    # Of the kernel made from it, where that was measured: ``operations``, and in comparison with all effects
+    # ``operations_of_all`` and the ratio ``time_to_all``
+    kernel: dict = dataclasses.field(default_factory=lambda: {"operations": None})
     # At the first hit, of "light" and "lobes", where a pilot shared them out
     samples: dict = dataclasses.field(default_factory=dict)
     direct_light: str = "both"  # how rough surfaces find the lights
@@ -94,9 +96,13 @@ class Plan:
     def to_dict(self):
         """Return the JSON of ``whitted plan --json``."""
         found = [finding.to_dict() for finding in self.findings]
-        kernel = {"operations": self.operations}
         technique = {"direct_light": self.direct_light, "reason": self.reason}
-        return {"scene": self.scene, "effects": found, "kernel": kernel, "samples": self.samples} | technique
+        return {
+            "scene": self.scene,
+            "effects": found,
+            "kernel": self.kernel,
+            "samples": self.samples,
+        } | technique
 
     def __str__(self):
         rows = [("effect", "called for", "numbers", "operations", "time", "evidence")]
@@ -122,7 +128,12 @@ class Plan:
             for row in rows
         ]
         shared = ", ".join(f"{count} of {kind}" for kind, count in self.samples.items())
-        head = f"{self.scene}: a kernel of {self.operations} operations" if self.operations else self.scene
+        head = self.scene
+        if self.kernel["operations"]:
+            head += (
+                f": a kernel of {self.kernel['operations']} operations, with all effects it is of "
+                f"{self.kernel['operations_of_all']}; {self.kernel['time_to_all']:.2f} of the time of that"
+            )
         if shared:
             lines.append(f"samples at the first hit: {shared}")
         if self.reason:

@@ -18,6 +18,9 @@ ULP = 2.0**-23  # the distance of neighbouring numbers, at most, relative
 # Bits of a shape's entry: it has an error for each face; the distance counts too; the first one's number
 FACES, CURVED, INDEX = 1 << 31, 1 << 30, (1 << 30) - 1
 UNKNOWN = 0xFFFFFFFF
+# Roundings of the square of the distance over the radius, in the solution of a quadratic equation in single precision:
+# measured are 3 for cylinders and 9 for spheres in instances
+QUADRATIC, INSTANCED = 8, 24
 MITSUBA = 1500 * 2.0**-24  # its epsilon
 
 
@@ -35,22 +38,25 @@ class Offsets:
 
     def __init__(self, scene):
         nested = _nested(scene)
-        is_bounded = all(_kind(shape) is not None for shape in nested)
-        entries, errors, count = {}, [np.zeros(2)], 2  # the first is that of what isn't met
+        entries, squares, errors, count = {}, {}, [np.zeros(2)], 2  # the first is that of what isn't met
         for shape in scene.shapes():
-            found = _instance_error(shape) if _is_instance(shape) and is_bounded else _error(shape)
+            found = _instance_error(shape, nested) if _is_instance(shape) else _error(shape)
             if found is not None:
-                bits, error = found
-                entries[registry_number(shape)] = bits + count
+                bits, error, square = found
+                number = registry_number(shape)
+                entries[number], squares[number] = bits + count, square
                 errors.append(error)
                 count += len(error)
         self.has_instances = bool(nested)
         self.all_known = len(entries) == len(scene.shapes())
-        first = np.full(max(entries, default=0) + 1, 0 if self.all_known else UNKNOWN, np.uint32)
-        for number, entry in entries.items():
-            first[number] = entry
         self.has_curved = any(entry & CURVED for entry in entries.values())
+        self.has_squares = any(squares.values())
+        first = np.full(max(entries, default=0) + 1, 0 if self.all_known else UNKNOWN, np.uint32)
+        of_square = np.zeros(max(len(first), 2))
+        for number, entry in entries.items():
+            first[number], of_square[number] = entry, squares[number]
         self.first, self.shapes = mi.UInt32(first.tolist()), dr.opaque(mi.UInt32, len(first))
+        self.squares = mi.Float(of_square.tolist())
         self.errors = mi.Float(np.concatenate(errors).tolist())
 
     def origin(self, si, direction):
@@ -77,28 +83,42 @@ class Offsets:
         error = dr.gather(mi.Float, self.errors, index, known)
         if self.has_curved:
             error += dr.select((entry & CURVED) != 0, gamma(6) * si.t, 0)
+        if self.has_squares:
+            error += dr.gather(mi.Float, self.squares, shape, inside) * dr.square(si.t)
         if self.all_known:
             return error
         return dr.select(known, error, MITSUBA * (1 + dr.max(dr.abs(si.p))))
 
 
 def _error(shape):
-    """The bits of a shape's entry, and the bounds of the errors (``float64``) of its points along the normal."""
+    """What is known of a shape, or None.
+
+    The bits of its entry; the bounds of the errors (``float64``) of its points along the normal; and what has to be
+    added for each unit of the squared distance.
+    """
     kind = _kind(shape)
     if kind == "mesh":
-        return FACES, _face_errors(shape)
-    if kind == "curved":
-        box = shape.bbox()
-        largest = np.maximum(np.abs(np.array(box.min)), np.abs(np.array(box.max))).astype(np.float64)
-        return CURVED, np.array([gamma(6) * np.linalg.norm(largest)])
-    return None
+        return FACES, _face_errors(shape), 0.0
+    if kind is None:
+        return None
+    box = shape.bbox()
+    largest = np.maximum(np.abs(np.array(box.min)), np.abs(np.array(box.max))).astype(np.float64)
+    square = QUADRATIC * 2.0**-24 / _radius(shape) if kind == "quadric" else 0.0
+    return CURVED, np.array([gamma(6) * np.linalg.norm(largest)]), square
 
 
 def _kind(shape):
+    """How a shape is intersected: as a mesh, so that the distance is right to rounding, or by a quadratic equation."""
     if shape.is_mesh():
         return "mesh"
-    exact = (mi.ShapeType.Sphere, mi.ShapeType.Disk, mi.ShapeType.Cylinder, mi.ShapeType.Rectangle)
-    return "curved" if shape.shape_type() in map(int, exact) else None
+    kinds = {mi.ShapeType.Sphere: "exact", mi.ShapeType.Disk: "exact", mi.ShapeType.Cylinder: "quadric"}
+    return {int(kind): word for kind, word in kinds.items()}.get(shape.shape_type())
+
+
+def _radius(shape):
+    """The smallest radius of a sphere, disk or cylinder."""
+    to_world = np.array(mi.traverse(shape)["to_world"].matrix, np.float64).reshape(4, 4)
+    return max(np.linalg.svd(to_world[:3, :3], compute_uv=False)[-1], 1e-30)
 
 
 def _face_errors(mesh):
@@ -115,15 +135,26 @@ def _is_instance(shape):
     return shape.class_name() == "Instance"
 
 
-def _instance_error(instance):
-    """Bounds for all that an instance may show: in its own coordinates, and by the transform of these."""
+def _instance_error(instance, nested):
+    """The same for all that an instance may show: errors in its own coordinates, and by the transform of these.
+
+    There all curved shapes are met in single precision.
+    """
+    kinds = {_kind(shape) for shape in nested if not _is_group(shape)}
+    if None in kinds:
+        return None
     to_world = np.array(mi.traverse(instance)["to_world"].matrix, np.float64).reshape(4, 4)
     box = instance.bbox()
     low, high = np.array(box.min, np.float64), np.array(box.max, np.float64)
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3)
     local = (corners - to_world[:3, 3]) @ np.linalg.inv(to_world[:3, :3]).T
     spread = np.abs(to_world[:3, :3]) @ np.abs(local).max(axis=0) + np.abs(to_world[:3, 3])
-    return CURVED, np.array([gamma(16) * np.linalg.norm(spread)])
+    square = 0.0
+    if kinds & {"exact", "quadric"}:
+        scales = np.linalg.svd(to_world[:3, :3], compute_uv=False)
+        radius = min(_radius(shape) for shape in nested if _kind(shape) in ("exact", "quadric"))
+        square = INSTANCED * 2.0**-24 * scales[0] / scales[-1] ** 2 / radius
+    return CURVED, np.array([gamma(16) * np.linalg.norm(spread)]), square
 
 
 def _nested(scene):

@@ -27,7 +27,8 @@ def plan(scene, integrator=None, *, sensor=0, costs=True):
         scene: ``Scene``, ``mi.Scene``, a path, or the name of a shipped scene.
         integrator: as for ``whitted.render``.
         sensor: the sensor's number.
-        costs: also measure what each effect adds to the kernel and to its time, which compiles a kernel for each.
+        costs: also measure what each effect adds to the kernel and to its time, and what all effects take, which
+            compiles a kernel for each.
 
     Raises:
         UsageError: the integrator has no effects, or the scene can't be rendered.
@@ -65,11 +66,13 @@ def _with_choice(spec, scene):
 def _with_costs(found, integrator, world, sensor):
     """The plan with what each effect that is called for adds to the kernel, and its share of the time."""
     alternatives = {effect: found.without([effect], "left out") for effect in found.effects}
+    everything = effects.decide(world, sensor, "all")
     with cropped(sensor) as window:
         whole = _Timed(integrator, world, sensor, found, window)
+        all_of_them = _Timed(integrator, world, sensor, everything, window)
         others = {e: _Timed(integrator, world, sensor, plan, window) for e, plan in alternatives.items()}
         for _ in range(TURNS):
-            for timed in (whole, *others.values()):
+            for timed in (whole, all_of_them, *others.values()):
                 timed.run()
     costs = {
         effect: {
@@ -81,7 +84,14 @@ def _with_costs(found, integrator, world, sensor):
     findings = tuple(
         dataclasses.replace(finding, cost=costs.get(finding.effect)) for finding in found.findings
     )
-    return dataclasses.replace(found, findings=findings, operations=whole.operations)
+    kernel = {
+        "operations": whole.operations,
+        "operations_of_all": all_of_them.operations,
+        "time_to_all": statistics.median(
+            own / other for own, other in zip(whole.seconds, all_of_them.seconds, strict=True)
+        ),
+    }
+    return dataclasses.replace(found, findings=findings, kernel=kernel)
 
 
 class _Timed:

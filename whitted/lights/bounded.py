@@ -20,7 +20,7 @@ from whitted.lights.tree import LightTree
 from whitted.transport import when
 
 NOT_SAMPLED = 0xFFFFFFFF
-MARGIN = 1e-5  # relative, of what counts as a light's own surface
+MARGIN = 1e-6  # relative, of what counts as a light's own surface
 FAR = 2.0  # sizes; from there a light is sampled by area
 CLOSED = {RECTANGLE, TRIANGLE, DISK, SPHERE}
 SHAPES = {RECTANGLE: rectangle, TRIANGLE: triangle, DISK: disk, SPHERE: sphere}
@@ -123,7 +123,7 @@ class BoundedLights:
             elif one == POINT:
                 new = self._at_point(leaf, geometry, si, here)
             else:
-                q, d, pdf = _sample(one, _arguments(one, geometry), si.p, n, u, here)
+                q, d, pdf = _sample(one, geometry, si.p, n, u, here)
                 lit = here & (pdf > 0) & _faces(one, geometry, si.p)
                 new = d, q, dr.select(lit, self._radiance(leaf, si, lit) / pdf, 0), pdf
             if len(self.kinds) > 1:
@@ -144,10 +144,8 @@ class BoundedLights:
         density = mi.Float(0)
         for one in self.kinds:
             here = active & (kind == one)
-            if one == MITSUBA:
-                new = self._pdf_by_mitsuba(leaf, si, p, here)
-            else:
-                new = _pdf(one, _arguments(one, geometry), p, n, si.p, here)
+            by_us = one != MITSUBA
+            new = _pdf(one, geometry, p, n, si.p, here) if by_us else self._pdf_by_mitsuba(leaf, si, p, here)
             density = dr.select(here, new, density)
         if self.is_few:
             probability = self.choice.probability(shares, leaf)
@@ -161,7 +159,9 @@ class BoundedLights:
         for number in range(self.count):
             kind, geometry = self.every_kind[number], self._geometry(number, True)
             seen = active & _faces(kind, geometry, si.p)
-            value = SHAPES[kind].irradiance(*_arguments(kind, geometry), si.p, n)
+            value = SHAPES[kind].irradiance(
+                *_arguments(kind, geometry), si.p, n, **_side(kind, geometry, si.p)
+            )
             E += dr.select(seen, value * self._radiance(number, si, seen), 0)
         return E
 
@@ -207,11 +207,12 @@ class BoundedLights:
         return self._light(leaf, active).pdf_direction(receiver, ds, active)
 
 
-def _sample(kind, light, p, n, u, active):
+def _sample(kind, geometry, p, n, u, active):
     """Sample a point of a primitive from ``p``: by solid angle if it is near, else by area, which is cheaper."""
+    light = _arguments(kind, geometry)
 
     def exact(q, d, pdf):
-        q, d, _, pdf = SHAPES[kind].sample(*light, p, n, u)
+        q, d, _, pdf = SHAPES[kind].sample(*light, p, n, u, **_side(kind, geometry, p))
         return mi.Point3f(q), mi.Vector3f(d), pdf
 
     if kind == SPHERE:
@@ -232,10 +233,11 @@ def _sample(kind, light, p, n, u, active):
     return when(near, exact, mi.Point3f(q), d, _area_pdf(v, area_normal))
 
 
-def _pdf(kind, light, p, n, q, active):
+def _pdf(kind, geometry, p, n, q, active):
     """The density with which `_sample` gives the direction from ``p`` to the point ``q`` of a primitive."""
+    light = _arguments(kind, geometry)
     if kind == SPHERE:
-        return sphere.pdf(*light, p, n, q)
+        return sphere.pdf(*light, p, n, q, **_side(kind, geometry, p))
     middle, size2, area_normal = _extent(kind, light)
     near = active & (dr.squared_norm(middle - p) < dr.square(FAR) * size2)
     return when(near, lambda pdf: SHAPES[kind].pdf(*light, p, n, q), _area_pdf(q - p, area_normal))
@@ -276,13 +278,19 @@ def _arguments(kind, geometry):
     return mi.Point3f(first), second, third
 
 
+def _side(kind, geometry, p):
+    """What a light that is lit from inside has to be told of the points on it."""
+    if kind != SPHERE:
+        return {}
+    centre, radius = _arguments(kind, geometry)
+    from_inside = dr.norm(p - centre) < radius
+    return {"inside": from_inside | (~(geometry[4] > 0) & sphere.is_inside(centre, radius, p))}
+
+
 def _faces(kind, geometry, p):
     """Whether a light emits towards ``p``; points of its own surface, up to rounding, count as behind it."""
     if kind == SPHERE:
-        centre, radius = _arguments(kind, geometry)
-        margin = MARGIN * (radius + dr.norm(p)) * radius  # what is that near is on it, and thus inside
-        outside = dr.squared_norm(p - centre) - dr.square(radius) > margin
-        return outside == (geometry[4] > 0)
+        return sphere.is_inside(*_arguments(kind, geometry), p) == ~(geometry[4] > 0)
     first, second, third = _arguments(kind, geometry)
     normal = {
         RECTANGLE: lambda: dr.cross(second, third),
@@ -290,4 +298,4 @@ def _faces(kind, geometry, p):
         DISK: lambda: second,
     }[kind]()
     v = p - first
-    return dr.dot(normal, v) > 0.1 * MARGIN * dr.norm(normal) * (dr.norm(v) + dr.norm(p))
+    return dr.dot(normal, v) > MARGIN * dr.norm(normal) * (dr.norm(v) + dr.norm(p))

@@ -13,8 +13,10 @@ import mitsuba as mi
 
 from whitted.lights import guards, warp
 
+MARGIN = 1e-5  # relative, of what counts as a sphere's own surface
 
-def sample(centre, radius, p, n, u):
+
+def sample(centre, radius, p, n, u, inside=None):
     """Draw a point of a sphere that is visible from the receiver, nearly in proportion to the cosine there.
 
     Args:
@@ -23,13 +25,14 @@ def sample(centre, radius, p, n, u):
         p: ``Point3f`` [N], the receiver, outside or inside.
         n: ``Vector3f`` or ``Normal3f`` [N], its unit normal, or 0 to sample uniformly by solid angle.
         u: ``Point2f`` [N], uniform in [0, 1)^2.
+        inside: ``Bool`` [N], where ``p`` is taken to be inside, whatever rounding may say; by default it is where it is.
 
     Returns:
         The point ``q`` (``Point3f``), the unit direction ``d`` from ``p`` to it (``Vector3f``), their distance and the
         density at ``p`` by solid angle (``Float``); density 0 means that the light can't be sampled (no area). If the
         horizon of ``n`` cuts the sphere, directions below it may come up; nothing arrives from there.
     """
-    view = _View(centre, radius, p, n)
+    view = _View(centre, radius, p, n, inside)
     weights = view.weights()
     t = dr.select(view.exact, u, warp.bilinear(u, weights))
     disk = mi.warp.square_to_uniform_disk_concentric(t)
@@ -59,12 +62,12 @@ def sample(centre, radius, p, n, u):
     return q, dr.select(good, d, 0), dr.select(good, length * view.distance, 0), density
 
 
-def pdf(centre, radius, p, n, q):
+def pdf(centre, radius, p, n, q, inside=None):
     """Return the density (``Float`` [N], per steradian) with which ``sample`` draws the direction from ``p`` to ``q``.
 
     ``q`` is a ``Point3f`` [N] on the sphere that is visible from ``p``; the other arguments are those of ``sample``.
     """
-    view = _View(centre, radius, p, n)
+    view = _View(centre, radius, p, n, inside)
     d = (q - p) / dr.norm(q - p)
     across = (q - centre) / dr.norm(q - p)
     x, y = dr.dot(across, view.x), dr.dot(across, view.y)
@@ -73,7 +76,7 @@ def pdf(centre, radius, p, n, q):
     return guards.usable(view.density(dr.dot(d, n), warp.bilinear_pdf(t, view.weights())))
 
 
-def irradiance(centre, radius, p, n):
+def irradiance(centre, radius, p, n, inside=None):
     r"""Return the irradiance (``Float`` [N]) at ``p`` from a sphere of radiance 1, which is pi inside.
 
     What lies below the horizon of the unit normal ``n`` is left out, and nothing is in between. The arguments are
@@ -82,7 +85,7 @@ def irradiance(centre, radius, p, n):
 
         E = pi s^2 c  for  c >= s,    s^2 (c atan2(z, -c) + z) - (z - atan z)  for  |c| < s,    else 0.
     """
-    view = _View(centre, radius, p, n)
+    view = _View(centre, radius, p, n, inside)
     c, s2 = dr.dot(n, view.v), view.sin2
     s, cos = dr.sqrt(s2), dr.sqrt(view.power)
     rise = dr.safe_sqrt((s - c) * (s + c))
@@ -97,6 +100,12 @@ def irradiance(centre, radius, p, n):
     return dr.select(view.inside, dr.pi, E)
 
 
+def is_inside(centre, radius, p):
+    """Return where ``p`` (``Point3f`` [N]) is inside of a sphere or, up to rounding, on it (``Bool``)."""
+    margin = MARGIN * (radius + dr.norm(p)) * radius
+    return dr.squared_norm(p - centre) - dr.square(radius) <= margin
+
+
 class _View:
     """The cone that a sphere fills: its axis ``z`` and angular radius, with the normal in the plane of ``x`` and ``z``.
 
@@ -104,14 +113,16 @@ class _View:
     inside without one it is the whole sphere of directions.
     """
 
-    def __init__(self, centre, radius, p, n):
+    def __init__(self, centre, radius, p, n, inside=None):
         v = centre - p
         distance = dr.norm(v)
         oriented = dr.squared_norm(n) > 0
-        self.inside = distance < radius
+        self.inside = distance < radius if inside is None else inside
         self.distance = dr.select(distance > 0, distance, 1)
         self.v = v / self.distance
-        self.power = dr.abs((distance - radius) * (distance + radius)) / dr.square(self.distance)
+        power = (distance - radius) * (distance + radius)
+        power = dr.maximum(dr.select(self.inside, -power, power), 0)
+        self.power = power / dr.square(self.distance)
         self.sin2 = dr.minimum(dr.square(radius / self.distance), 1)
         self.sin = dr.sqrt(self.sin2)
         self.cos = dr.select(self.inside, dr.select(oriented, 0, -1), dr.sqrt(self.power))
