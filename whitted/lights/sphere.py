@@ -25,7 +25,7 @@ def sample(centre, radius, p, n, u, inside=None):
         p: ``Point3f`` [N], the receiver, outside or inside.
         n: ``Vector3f`` or ``Normal3f`` [N], its unit normal, or 0 to sample uniformly by solid angle.
         u: ``Point2f`` [N], uniform in [0, 1)^2.
-        inside: ``Bool`` [N], where ``p`` is taken to be inside, whatever rounding may say; by default it is where it is.
+        inside: ``Bool`` [N], where ``p`` is taken to be inside, whatever rounding says; by default it is where it is.
 
     Returns:
         The point ``q`` (``Point3f``), the unit direction ``d`` from ``p`` to it (``Vector3f``), their distance and the
