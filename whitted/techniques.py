@@ -16,10 +16,9 @@ import mitsuba as mi
 from whitted.direct import power_heuristic
 
 VERTICES = 4  # along each path
-SAMPLE_COST = (
-    1.3  # of looking for the lights by a sample of them, in rays followed: measured on the scenes gloss and
-)
-# translucency, where it adds 0.9 and 0.7 to the time without
+# Of a sample of the lights at a rough surface, in rays followed: they make `gloss` 1.9 times as slow and `translucency`
+# 1.7 times
+SAMPLE_COST = 1.3
 
 
 def excess(world, ray, active, seed):
