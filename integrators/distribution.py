@@ -92,18 +92,17 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         """Return the `effects.Plan` of a ``World`` seen by a sensor; without one nothing is measured."""
         pilot = Pilot(self, world, sensor) if sensor is not None else None
         found = effects.decide(world, sensor, self.effects, self.max_depth, name, pilot)
-        if self.direct_light != "auto":
-            found = dataclasses.replace(found, direct_light=self.direct_light)
-        elif pilot is not None and self.effects == "auto":
+        technique, reason = self.technique_of(found), ""
+        if pilot is not None and self.effects == self.direct_light == "auto":
             technique, reason = pilot.direct_light(found.effects)
-            found = dataclasses.replace(found, direct_light=technique, reason=reason)
+        found = dataclasses.replace(found, direct_light=technique, reason=reason)
         if pilot is None or "auto" not in self.samples.values():
             return found
         return dataclasses.replace(found, samples=pilot.share(found))
 
     def fixed(self, plan):
         """Return an integrator that simulates what a plan of this one says, with nothing left to decide."""
-        decided = {"effects": effects.spell(tuple(plan.effects)), "direct_light": plan.direct_light}
+        decided = {"effects": effects.spell(tuple(plan.effects)), "direct_light": self.technique_of(plan)}
         return mi.load_dict(self.properties() | decided | self.samples_of(plan))
 
     def samples_of(self, plan):
@@ -116,8 +115,9 @@ class DistributionIntegrator(mi.SamplingIntegrator):
 
     def technique_of(self, plan):
         """Return how rough surfaces find lights, one of `effects.TECHNIQUES`."""
-        undecided = "both" if self.direct_light == "auto" else self.direct_light
-        return getattr(plan, "direct_light", undecided)
+        return getattr(plan, "direct_light", None) or (
+            "both" if self.direct_light == "auto" else self.direct_light
+        )
 
     def estimate(self, world, ray, draws, plan, active=True):
         """Estimate the radiance along each eye ray.

@@ -135,6 +135,7 @@ def test_the_effects_of_a_render_are_written_down(run, tmp_path, wanted, expecte
     header = image.read(tmp_path / "a.exr").header
     assert header["effects"] == ",".join(expected)
     assert json.loads(header["plan"]) == facts["plan"]
+    assert header["directLight"] == facts["techniques"]["direct_light"] == "both"
 
 
 # ---- Shipped scenes

@@ -74,8 +74,10 @@ class DirectLight:
 
         def lit(L, shares, rays, sampler):
             self.world.rays = dict(rays)
-            sampled = self.rough is not None and self.technique != "rays"
-            self.shares = self.lights.shares(self.si.p, self.n, self._response if sampled else None)
+            response = None
+            if self.rough is not None and self.technique != "rays":
+                response = self.world.response(self.si, self.rough)
+            self.shares = self.lights.shares(self.si.p, self.n, response)
             if self.lights.is_closed:
                 L = when(self.closed, lambda L: L + self._unoccluded(active & self.closed), L)
             for number, group in enumerate(self.lights.groups):
@@ -88,16 +90,6 @@ class DirectLight:
             active, lit, mi.Spectrum(0), none, self.world.rays, self.draws.state
         )
         return L
-
-    def _response(self, directions):
-        """How much of the light from some directions a rough BSDF scatters: a mask and ``Float``s."""
-
-        def evaluate(bsdf, si, directions, active):
-            values = [bsdf.eval(mi.BSDFContext(), si, d, active) for d in directions]
-            return [dr.mean(value) for value in values]
-
-        local = [self.si.to_local(d) for d in directions]
-        return self.rough, dr.dispatch(self.si.bsdf(), evaluate, self.si, local, self.rough)
 
     def _unoccluded(self, active):
         return self.reflected * self.lights.bounded.irradiance(self.si, self.n, active)

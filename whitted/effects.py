@@ -74,13 +74,20 @@ class Plan:
     kernel: dict = dataclasses.field(default_factory=lambda: {"operations": None})
     # At the first hit, of "light" and "lobes", where a pilot shared them out
     samples: dict = dataclasses.field(default_factory=dict)
-    direct_light: str = "both"  # how rough surfaces find the lights
+    direct_light: str | None = (
+        None  # how rough surfaces find the lights, one of `TECHNIQUES`, where there is a choice
+    )
     reason: str = ""  # for that, where a pilot measured it
 
     @property
     def effects(self):
         """The names of the effects called for, a list."""
         return [finding.effect for finding in self.findings if finding.called_for]
+
+    @property
+    def techniques(self):
+        """How it is simulated, a dict: ``samples``, ``direct_light`` and the ``reason`` for that."""
+        return {"samples": self.samples, "direct_light": self.direct_light, "reason": self.reason}
 
     def without(self, effects, reason):
         """Return the plan without some effects."""

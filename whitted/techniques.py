@@ -41,7 +41,7 @@ def excess(world, ray, active, seed):
     def step(number, active, si, w, more, samples, rays, sampler):
         rough = active & mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Glossy)
         n = world.light_side(si)
-        shares = lights.shares(si.p, n)
+        shares = lights.shares(si.p, n, world.response(si, rough))
         Z, M = mi.Spectrum(0), mi.Spectrum(0)
         for group in lights.groups:
             sample = group.sample(si, n, sampler.next_2d(), sampler.next_1d(), rough, shares)

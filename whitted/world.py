@@ -236,6 +236,22 @@ class World:
             return si.bsdf().sample(mi.BSDFContext(), si, u, v, active)
         return dr.dispatch(si.bsdf(), lobes.scatter, si, u, v, active)
 
+    def response(self, si, active):
+        """Return a function that says how much of the light from some directions ``si`` scatters.
+
+        It maps a list of unit ``Vector3f`` [N] to the mask ``active`` and a list of ``Float`` [N], the BSDF times the
+        cosine, mean over the colours.
+        """
+
+        def evaluate(bsdf, si, directions, active):
+            return [dr.mean(bsdf.eval(mi.BSDFContext(), si, d, active)) for d in directions]
+
+        def answer(directions):
+            local = [si.to_local(d) for d in directions]
+            return active, dr.dispatch(si.bsdf(), evaluate, si, local, active)
+
+        return answer
+
     def light_side(self, si):
         """Return the unit normal (``Vector3f``) of the side of ``si`` from which light is scattered back, or 0.
 

@@ -25,7 +25,6 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # where the statistics are s
 from equal_time import Curve, advantage, common_seconds, squared_error
 
 from whitted import film
-from whitted.direct import DirectLight
 from whitted.lights import bounded, tree, warp
 from whitted.replicates import box_sensor, replicate, seeds
 from whitted.world import World
@@ -55,9 +54,9 @@ def by_power(bounds, p, n, response=None):
     return mi.Float(bounds[7]) + 0 * p.x
 
 
-def nowhere(self, directions):
+def unknown(self, si, active):
     """No response of a surface to the lights."""
-    return mi.Bool(False), [mi.Float(0)] * len(directions)
+    return
 
 
 def evenly(cosines):
@@ -78,7 +77,7 @@ ABLATIONS = (
     Ablation(
         "lights chosen by the tree, not by power", "many lights", patches=((tree, "importance", by_power),)
     ),
-    Ablation("few lights chosen by the BSDF", "gloss", patches=((DirectLight, "_response", nowhere),)),
+    Ablation("few lights chosen by the BSDF", "gloss", patches=((World, "response", unknown),)),
     Ablation("rays and samples of lights, not rays alone", "gloss", without={"direct_light": "rays"}),
     Ablation("rays and samples of lights, not these alone", "gloss", without={"direct_light": "lights"}),
     Ablation("rays alone where samples don't pay", "translucency", without={"direct_light": "both"}),
