@@ -11,6 +11,7 @@ import mitsuba as mi
 
 from whitted import effects, tracing
 from whitted.errors import UsageError
+from whitted.offsets import check_rule
 from whitted.paths import Paths
 from whitted.pilot import Pilot
 from whitted.sampling.draws import SamplerDraws
@@ -38,6 +39,8 @@ class DistributionIntegrator(mi.SamplingIntegrator):
                                         or ``auto``: shared out by the noise that each effect causes
     ``gloss_samples``           integer rays into rough lobes at the first hit, 1 to 64, or ``auto``     1
     ``interreflection_samples`` integer rays into diffuse lobes at the first hit, 1 to 64, or ``auto``   1
+    ``offset``                  string  where rays leave surfaces: beside them by the ``bound`` of       bound
+                                        rounding errors, or as ``mitsuba`` does
     ``direct_light``            string  how rough surfaces find lights: by ``rays``, by samples of the   auto
                                         ``lights``, by ``both``; ``auto``: ``both`` where it pays, if
                                         ``effects`` is ``auto`` too, else ``both``
@@ -73,6 +76,8 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         self.max_depth = props.get("max_depth", -1)
         self.rr_depth = props.get("rr_depth", 5)
         self.hide_emitters = bool(props.get("hide_emitters", False))
+        self.offset = props.get("offset", "bound")
+        check_rule(self.offset)
         self.effects = effects.parse(props.get("effects", "auto"))
         self.tree_depth = props.get("tree_depth", 1)
         self.samples = {name: props.get(name, 1) for name in SAMPLES}
@@ -119,6 +124,10 @@ class DistributionIntegrator(mi.SamplingIntegrator):
             "both" if self.direct_light == "auto" else self.direct_light
         )
 
+    def world(self, scene):
+        """Return the ``World`` of an ``mi.Scene`` in which rays are traced."""
+        return World(scene, self.hide_emitters, self.offset)
+
     def estimate(self, world, ray, draws, plan, active=True):
         """Estimate the radiance along each eye ray.
 
@@ -137,7 +146,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Estimate the radiance along ``ray``, as Mitsuba's integrators do when they are nested."""
-        world = World(scene, self.hide_emitters)
+        world = self.world(scene)
         found = self.estimate(world, mi.Ray3f(ray), SamplerDraws(sampler), self.plan(world), active)
         return found["radiance"], active & (found["alpha"] > 0), []
 
@@ -157,7 +166,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
 
     def properties(self):
         """Return the dict that ``mi.load_dict`` makes an equal integrator of."""
-        names = ("max_depth", "rr_depth", "hide_emitters", "tree_depth", "direct_light")
+        names = ("max_depth", "rr_depth", "hide_emitters", "tree_depth", "direct_light", "offset")
         values = {name: getattr(self, name) for name in names} | self.samples
         return {"type": "distribution", "effects": effects.spell(self.effects)} | values
 

@@ -12,6 +12,7 @@ import mitsuba as mi
 from whitted import effects, optics, tracing, transport
 from whitted.errors import UsageError
 from whitted.film import luminance
+from whitted.offsets import check_rule
 from whitted.sampling.draws import SamplerDraws
 from whitted.world import World
 
@@ -35,6 +36,8 @@ class WhittedIntegrator(mi.SamplingIntegrator):
     ``shadows``          boolean whether surfaces block the light of emitters                            true
     ``ambient``          rgb     radiance that reaches every diffuse lobe from all around, unshadowed    0
     ``hide_emitters``    boolean eye rays pass through area emitters and don't see the environment       false
+    ``offset``           string  where rays leave surfaces: beside them by the ``bound`` of rounding     bound
+                                 errors, or as ``mitsuba`` does
     ``local_model``      string  ``bsdf``, or ``classic``: at a ``phong`` BSDF a light that would give a   bsdf
                                  surface facing it the irradiance :math:`\pi I` adds
                                  :math:`I (k_d \, n \cdot l + k_s \, (r \cdot v)^n)`; others keep theirs
@@ -75,6 +78,8 @@ class WhittedIntegrator(mi.SamplingIntegrator):
         self.min_contribution = float(props.get("min_contribution", 1 / 1024))
         self.shadows = bool(props.get("shadows", True))
         self.hide_emitters = bool(props.get("hide_emitters", False))
+        self.offset = props.get("offset", "bound")
+        check_rule(self.offset)
         self.local_model = props.get("local_model", "bsdf")
         self.ambient = props.get_emissive_texture("ambient") if "ambient" in props else None
         if not (isinstance(self.max_depth, int) and 0 <= self.max_depth <= MAX_DEPTH):
@@ -88,6 +93,10 @@ class WhittedIntegrator(mi.SamplingIntegrator):
             raise UsageError(f"local_model is {self.local_model!r}; accepted are {accepted}")
         if self.local_model == "classic":
             self.estimates = "E S* (L | P L)"
+
+    def world(self, scene):
+        """Return the ``World`` of an ``mi.Scene`` in which rays are traced."""
+        return World(scene, self.hide_emitters, self.offset)
 
     def estimate(self, world, ray, draws, plan=None, active=True):
         """Trace the ray tree of each eye ray.
@@ -117,7 +126,7 @@ class WhittedIntegrator(mi.SamplingIntegrator):
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
         """Estimate the radiance along ``ray``, as Mitsuba's integrators do when they are nested."""
-        world = World(scene, self.hide_emitters)
+        world = self.world(scene)
         found = self.estimate(world, mi.Ray3f(ray), SamplerDraws(sampler), active=active)
         return found["radiance"], active & (found["alpha"] > 0), []
 
@@ -142,7 +151,7 @@ class WhittedIntegrator(mi.SamplingIntegrator):
         return (
             f"WhittedIntegrator[max_depth={self.max_depth}, min_contribution={self.min_contribution}, "
             f"shadows={self.shadows}, ambient={self.ambient}, hide_emitters={self.hide_emitters}, "
-            f"local_model={self.local_model}]"
+            f"offset={self.offset}, local_model={self.local_model}]"
         )
 
 

@@ -8,7 +8,7 @@ from pictures import LEVEL, REPLICATES, _renders, _t_values
 from scipy import stats
 from whitted_scenes import GREY, camera, transform
 
-from whitted.world import World, bsdfs_of
+from whitted.world import bsdfs_of
 
 DISTRIBUTION = {"type": "distribution", "effects": "all", "max_depth": 4}
 DETECTABLE = 0.02  # of the picture's mean: a bias as large is seen by every comparison
@@ -43,7 +43,7 @@ def renders(scene, integrator, spp=64, sensor=0):
 def with_effects_found(scene, integrator):
     """Return the dict of an integrator with the effects that ``auto`` finds: to look for them once is enough."""
     auto = mi.load_dict(integrator | {"effects": "auto"})
-    fixed = auto.fixed(auto.plan(World(scene, auto.hide_emitters), scene.sensors()[0]))
+    fixed = auto.fixed(auto.plan(auto.world(scene), scene.sensors()[0]))
     pictures = [mi.render(scene, integrator=one, spp=4).numpy() for one in (auto, fixed)]
     np.testing.assert_array_equal(*pictures)
     return fixed.properties()

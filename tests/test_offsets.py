@@ -196,6 +196,17 @@ def test_no_self_hits_of_what_is_met_from_afar(name, distance):
     assert not dr.any(outside & scene.ray_test(World(scene).spawn(si, out), outside))
 
 
+def test_the_rule_can_be_that_of_mitsuba():
+    scene = mi.load_dict({"type": "scene", "ball": {"type": "sphere"}})
+    si = scene.ray_intersect(mi.Ray3f(mi.Point3f(0.1, 0.2, 5), mi.Vector3f(0, 0, -1)))
+    d = mi.Vector3f(0.3, 0.4, 0.5)
+    for name in ("whitted", "distribution"):
+        world = mi.load_dict({"type": name, "offset": "mitsuba"}).world(scene)
+        np.testing.assert_array_equal(np.array(world.spawn(si, d).o), np.array(si.spawn_ray(d).o))
+        with pytest.raises(RuntimeError, match="offset is 'none'; accepted are bound and mitsuba"):
+            mi.load_dict({"type": name, "offset": "none"})
+
+
 def test_shapes_intersected_by_iteration_keep_the_offset_of_mitsuba(tmp_path):
     scene = mi.load_dict(
         {"type": "scene", "grid": OF_MITSUBA["sdfgrid"](tmp_path), "ball": {"type": "sphere"}}

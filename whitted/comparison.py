@@ -23,7 +23,6 @@ from whitted.replicates import box_sensor, replicate, seeds, whole_grid
 from whitted.scene import as_scene
 from whitted.scene import integrator as make_integrator
 from whitted.stats.agreement import assess, relative_errors
-from whitted.world import World
 
 CONFIRM_FACTOR = 4  # rare, skewed noise can pass for a difference: one must show up again in more samples
 CONFIRM_SEED = 50021  # apart from the seeds of all sides
@@ -242,7 +241,7 @@ def _planned(integrator, scene, sensor):
     """Decide once for all replicates what is left to the integrator to decide."""
     if not hasattr(integrator, "fixed"):
         return integrator
-    return integrator.fixed(integrator.plan(World(scene, integrator.hide_emitters), sensor))
+    return integrator.fixed(integrator.plan(integrator.world(scene), sensor))
 
 
 @contextlib.contextmanager

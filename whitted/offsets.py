@@ -11,9 +11,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from whitted.errors import UsageError
 from whitted.lights.primitives import registry_number
 from whitted.lobes import objects_of
 
+RULES = ("bound", "mitsuba")
 ULP = 2.0**-23  # the distance of neighbouring numbers, at most, relative
 # Bits of a shape's entry: it has an error for each face; the distance counts too; the first one's number
 FACES, CURVED, INDEX = 1 << 31, 1 << 30, (1 << 30) - 1
@@ -22,6 +24,12 @@ UNKNOWN = 0xFFFFFFFF
 # measured are 3 for cylinders and 9 for spheres in instances
 QUADRATIC, INSTANCED = 8, 24
 MITSUBA = 1500 * 2.0**-24  # its epsilon
+
+
+def check_rule(rule):
+    """Raise ``UsageError`` for a name that isn't one of `RULES`."""
+    if rule not in RULES:
+        raise UsageError(f"offset is {rule!r}; accepted are {' and '.join(RULES)}")
 
 
 def gamma(operations):
@@ -34,9 +42,13 @@ class Offsets:
 
     Args:
         scene: ``mi.Scene``.
+        rule: one of ``RULES``; ``mitsuba`` takes Mitsuba's for all shapes, to compare with it to the last bit.
     """
 
-    def __init__(self, scene):
+    def __init__(self, scene, rule="bound"):
+        self.rule = rule
+        if rule == "mitsuba":
+            return
         nested = _nested(scene)
         entries, squares, errors, count = {}, {}, [np.zeros(2)], 2  # the first is that of what isn't met
         for shape in scene.shapes():
@@ -66,6 +78,8 @@ class Offsets:
             si: ``SurfaceInteraction3f`` [N], valid in the lanes that count.
             direction: ``Vector3f`` [N], of any length.
         """
+        if self.rule == "mitsuba":
+            return si.spawn_ray(direction).o
         step = dr.mulsign(si.n, dr.dot(si.n, direction)) * self._error(si)
         o = si.p + step
         return o + dr.select(step == 0, 0, dr.mulsign(dr.abs(o) * ULP, step))

@@ -24,7 +24,6 @@ from whitted.scene import as_scene
 from whitted.scene import integrator as as_integrator
 from whitted.stats.moments import root_mean_square
 from whitted.tracing import MAX_SPP, MitsubaPasses, TreePasses, samples_per_pass
-from whitted.world import World
 
 PASS_SECONDS = 0.5  # of a pass under a time budget, which can be overrun by one pass
 
@@ -86,7 +85,7 @@ def render(
         spp = camera.sampler().sample_count()
 
     if hasattr(integrator, "estimate"):
-        world = World(scene.mitsuba, integrator.hide_emitters)  # refuses what it can't render
+        world = integrator.world(scene.mitsuba)  # refuses what it can't render
         plan = integrator.plan(world, camera, scene.name)
     with _window(camera, crop) as window:
         if world is None:

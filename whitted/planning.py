@@ -13,7 +13,6 @@ from whitted.sampling.groups import Segments
 from whitted.scene import as_scene
 from whitted.scene import integrator as as_integrator
 from whitted.tracing import TreePasses
-from whitted.world import World
 
 LANES = 1 << 19  # of a timed pass: some tens of milliseconds
 TURNS = 5  # passes with and without an effect, in turn
@@ -36,7 +35,7 @@ def plan(scene, integrator=None, *, sensor=0, costs=True):
     scene = as_scene(scene)
     _backend.check(mi.variant())
     integrator = _with_choice(integrator, scene.mitsuba)
-    world = World(scene.mitsuba, integrator.hide_emitters)
+    world = integrator.world(scene.mitsuba)
     camera = scene.mitsuba.sensors()[sensor]
     found = integrator.plan(world, camera, scene.name)
     return _with_costs(found, integrator, world, camera) if costs else found

@@ -16,7 +16,6 @@ from whitted.sampling.draws import Draws
 from whitted.sampling.groups import Replicates
 from whitted.scene import as_scene
 from whitted.scene import integrator as as_integrator
-from whitted.world import World
 
 MAX_NODES = 100_000
 
@@ -100,7 +99,7 @@ def trace(scene, pixel, integrator=None, *, seed=0, sensor=0):
     if not (0 <= x < size[0] and 0 <= y < size[1]):
         raise UsageError(f"pixel {x},{y} lies outside the film of {size[0]}x{size[1]} pixels")
     with dr.suspend_grad(), cropped(camera):
-        plan = integrator.plan(World(scene.mitsuba, integrator.hide_emitters), camera)
+        plan = integrator.plan(integrator.world(scene.mitsuba), camera)
         grid = Grid(Window(x, y, 1, 1), 0, 1)
         ray, weight, draws, _, active = eye_rays(camera, size, grid, Replicates(seed, 1), plan)
         lane = dr.compress(active)
@@ -139,9 +138,7 @@ class _Recorder:
 
     def visit(self, level, depth):
         """Trace the rays of one level, write them down, and return those of the next."""
-        self.world = world = World(
-            self.scene, self.integrator.hide_emitters
-        )  # counts rays per lane: one a level
+        self.world = world = self.integrator.world(self.scene)  # counts rays per lane: one a level
         count = len(level)
         o, d, w = (np.array([ray[name] for ray in level], np.float32).T for name in "odw")
         w, ids = mi.Spectrum(w), mi.UInt32([ray["id"] for ray in level])

@@ -12,7 +12,7 @@ from whitted.film import BLOCK, Grid, Sums, colours, cropped, eye_rays
 from whitted.results import Truncation
 from whitted.sampling.groups import SEGMENTS, Replicates
 from whitted.stats.moments import Moments
-from whitted.world import KINDS, World
+from whitted.world import KINDS
 
 LANES = 1 << 21  # of one pass: enough to fill the machine, 100 MB of samples
 MAX_SPP = 1 << 31
@@ -171,7 +171,7 @@ def fill_film(integrator, scene, sensor=0, seed=0, spp=0, develop=True, evaluate
             return film.prepare_sample(L, ray.wavelengths, channels, weight=1, alpha=found["alpha"])
         return [*colours(L, ray.wavelengths, 3), *([found["alpha"]] if alpha else [])]
 
-    world = World(scene, integrator.hide_emitters)
+    world = integrator.world(scene)
     plan = integrator.plan(world, sensor)
     with cropped(sensor) as window:
         count = channels if special else channels - 1

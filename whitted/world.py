@@ -28,12 +28,13 @@ class World:
     Args:
         scene: ``mi.Scene``.
         hide_emitters: eye rays pass through area emitters and don't see the environment.
+        offset: where rays leave surfaces, one of ``whitted.offsets.RULES``.
 
     Raises:
         UsageError: the scene has something that this world can't render correctly.
     """
 
-    def __init__(self, scene, hide_emitters=False):
+    def __init__(self, scene, hide_emitters=False, offset="bound"):
         if mi.is_polarized:
             raise UsageError(
                 f"variant {mi.variant()}: polarised light is not simulated; take a variant without it"
@@ -60,7 +61,7 @@ class World:
         shapes = {shape.emitter().ptr: shape for shape in scene.shapes() if shape.emitter() is not None}
         self._light_shapes = [registry_number(shapes[e.ptr]) if e.ptr in shapes else 0 for e in self.emitters]
         self.is_crowded = _is_crowded(scene)
-        self.offsets = Offsets(scene)
+        self.offsets = Offsets(scene, offset)
         self._lights = {}
         self.forget_rays()
 

@@ -160,7 +160,7 @@ class Side:
         self.seconds, self.errors = [], []
         with self.patched():
             made = mi.load_dict({"type": "distribution"} | properties)
-            self.integrator = made.fixed(made.plan(World(scene), sensor))
+            self.integrator = made.fixed(made.plan(made.world(scene), sensor))
 
     @contextlib.contextmanager
     def patched(self):
