@@ -289,15 +289,9 @@ class _Tree:
             clear = dr.select(mi.has_flag(kind, mi.BSDFFlags.Null), node.tag & CLEAR, 0)
             child.tag = dr.select(saved, BY_CUTOFF, account) | clear
             spawned = saved | chosen | (present & is_kept & ~dropped)
-            leaving = world.spawn(si, si.to_world(wo))
-            child.o, child.d = leaving.o, leaving.d
             reflects = mi.has_flag(kind, mi.BSDFFlags.DeltaReflection)
-            world.count("reflection", spawned & reflects)
-            world.count("transmission", spawned & ~reflects)
-
-            stack.push(child, spawned & has_next)
-            next_node = dr.select(spawned & ~has_next, child, next_node)
-            has_next |= spawned
+            transport.send(world, si, child, wo, reflects, spawned)
+            next_node, has_next = stack.push_all_but_first(child, spawned, next_node, has_next)
         return next_node, has_next
 
 

@@ -6,6 +6,7 @@ The verdict of --verify has a fixed seed; it would be another for 1 % of the see
 import json
 
 import pytest
+from commands import refused
 
 import whitted
 from whitted import cli, effects, image
@@ -40,16 +41,6 @@ def assert_schema(facts):
         assert one["bound"] is None or one["bound"].keys() == {"radiance", "relative"}
         assert ("operations" in one) == ("share_of_time" in one) == one["called_for"]
     assert facts["kernel"]["operations"] > 0
-
-
-def refused(found, *words):
-    code, out, err = found
-    assert code == 2
-    assert out == ""
-    assert err.startswith("whitted: error: ")
-    assert err.count("\n") == 1, err
-    for word in words:
-        assert word in err
 
 
 # ---- plan

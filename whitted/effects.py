@@ -103,13 +103,7 @@ class Plan:
     def to_dict(self):
         """Return the JSON of ``whitted plan --json``."""
         found = [finding.to_dict() for finding in self.findings]
-        technique = {"direct_light": self.direct_light, "reason": self.reason}
-        return {
-            "scene": self.scene,
-            "effects": found,
-            "kernel": self.kernel,
-            "samples": self.samples,
-        } | technique
+        return {"scene": self.scene, "effects": found, "kernel": self.kernel} | self.techniques
 
     def __str__(self):
         rows = [("effect", "called for", "numbers", "operations", "time", "evidence")]

@@ -58,13 +58,13 @@ class Paths:
             +lobe.GlossyTransmission: "translucency" not in plan and bool(flags & lobe.GlossyTransmission),
         }
         self.is_rough = is_rough = bool(flags & lobe.Glossy)
-        self.technique = integrator.technique_of(plan)
-        seeks = is_rough and self.lights.is_hittable and not any(self.mirrored.values())
-        self.seeks_alone = seeks and self.technique == "rays"  # rough surfaces look for lights by rays only
-        self.combines_rough = seeks and not self.seeks_alone
+        # Rough surfaces look for lights with their rays; alone: with nothing else
+        self.seeks = is_rough and self.lights.is_hittable and not any(self.mirrored.values())
+        self.technique = integrator.technique_of(plan) if self.seeks else "both"
+        self.seeks_alone = self.technique == "rays"
         self.combines_diffuse = self.interreflects and self.lights.is_hittable and not self.lights.is_plain
         self.meets = self.lights.only_met and bool(flags & lobe.Smooth)
-        self.combines = self.combines_rough or self.combines_diffuse or self.meets
+        self.combines = (self.seeks and not self.seeks_alone) or self.combines_diffuse or self.meets
         follows_rough = is_rough and onwards and (self.reflects or self.refracts)
         followed = (
             (self.reflects, +lobe.DeltaReflection),
@@ -73,7 +73,7 @@ class Paths:
         )
         specular = any(follows and flags & kind for follows, kind in followed)
         self.has_specular = self.scatters and self.world.branching > 0 and specular
-        self.has_smooth = self.scatters and (self.interreflects or follows_rough or seeks or self.meets)
+        self.has_smooth = self.scatters and (self.interreflects or follows_rough or self.seeks or self.meets)
         self.may_end = limit < 0 or limit > integrator.rr_depth
         self.splits = max(
             self.gloss_samples if is_rough else 1, self.diffuse_samples if self.interreflects else 1
@@ -157,7 +157,7 @@ class Paths:
             samples=self._count(vertex, self.light_samples),
             rays=self._count(vertex, self.gloss_samples if self.splits > 1 else 1),
             rough=vertex.rough if self.is_rough else None,
-            technique=self.technique if self.combines_rough or self.seeks_alone else "both",
+            technique=self.technique,
         )
         sums["radiance"] += dr.select(within, node.w * light.estimate(within), 0)
 
@@ -166,7 +166,7 @@ class Paths:
             return mi.Bool(False), node
         next_node, has_next = node, mi.Bool(False)
         if self.has_smooth:
-            next_node, has_next = self._scatter(vertex, light.shares, stack)
+            next_node, has_next = self._scatter(vertex, light, stack)
         if self.has_specular:
             next_node, has_next = self._branch(vertex, next_node, has_next, stack)
 
@@ -208,7 +208,7 @@ class Paths:
         is_seen = (node.tag & CHAIN) != 0
         combined = None
         if self.combines or self.seeks_alone:
-            plain = rough & (self.combines_rough or self.seeks_alone)
+            plain = rough & self.seeks
             combined = plain, plain | (onwards & self.combines_diffuse) | self.meets
         albedo = mi.Spectrum(0)
         if self.lights.is_closed or self.world.is_lambertian:
@@ -231,12 +231,12 @@ class Paths:
         """The number of samples at a vertex: several at the first hit, one elsewhere."""
         return 1 if samples == 1 else dr.select(vertex.is_first, mi.UInt32(samples), 1)
 
-    def _scatter(self, vertex, shares, stack):
+    def _scatter(self, vertex, light, stack):
         """Follow one ray into the smooth lobes of a vertex and push the others, if it is split.
 
-        ``shares``: of the lights in what was sampled there.
+        ``light`` is the `DirectLight` that was estimated there.
         """
-        node, has_next = self._lobe(vertex, shares, mi.UInt32(0))
+        node, has_next = self._lobe(vertex, light, mi.UInt32(0))
         if self.splits == 1:
             return node, has_next
         splits = self._count(vertex, self.splits)
@@ -244,7 +244,7 @@ class Paths:
 
         def step(j, rays, sampler, *arrays):
             self.world.rays, pushed = dict(rays), stack.with_state(*arrays)
-            node, present = self._lobe(vertex, shares, j)
+            node, present = self._lobe(vertex, light, j)
             pushed.push(node, present)
             return j + 1, self.world.rays, sampler, *pushed.state
 
@@ -254,7 +254,7 @@ class Paths:
         )
         return node, has_next
 
-    def _lobe(self, vertex, shares, j):
+    def _lobe(self, vertex, light, j):
         """Sample one ray into the smooth lobes of a vertex; return it and the lanes that have one."""
         si, node = vertex.si, vertex.node
         lobe = mi.BSDFFlags
@@ -270,8 +270,7 @@ class Paths:
             | (transmits & self.refracts)
             | (~reflects & ~transmits & self.interreflects)
         )
-        seeks = self.combines_rough or self.seeks_alone
-        active &= (followed | (vertex.rough & seeks) | self.meets) & ~dr.all(weight == 0)
+        active &= (followed | (vertex.rough & self.seeks) | self.meets) & ~dr.all(weight == 0)
         if self.splits > 1:
             wanted = dr.select(reflects | transmits, mi.UInt32(self.gloss_samples), self.diffuse_samples)
             wanted = dr.select(vertex.is_first, wanted, 1)
@@ -289,9 +288,9 @@ class Paths:
             pdf = si.bsdf().pdf(mi.BSDFContext(), si, wo, active) if self.world.mixes_lobes else sample.pdf
             rays = self._count(vertex, self.gloss_samples if self.splits > 1 else 1)
             pdf = pdf * rays * dr.rcp(mi.Float(self._count(vertex, self.light_samples)))
-            child.p, child.n = si.p, self.world.light_side(si)
+            child.p, child.n = si.p, light.n
             if self.lights.shares_type:
-                child.shares = shares
+                child.shares = light.shares
             child.pdf = dr.select(vertex.combined[0], pdf, dr.select(vertex.combined[1], -pdf, 0))
         self.world.count("reflection", active & reflects)
         self.world.count("transmission", active & transmits)
@@ -364,13 +363,8 @@ class Paths:
             spawned = active & ~(share <= 0) & dr.select(in_tree, u.y < survival, chosen)
             below = below + share
             child.w = child.w * dr.rcp(survival)
-            ray = world.spawn(si, si.to_world(wo))
-            child.o, child.d = ray.o, ray.d
-            world.count("reflection", spawned & reflects)
-            world.count("transmission", spawned & ~reflects)
-            stack.push(child, spawned & has_next)
-            next_node = dr.select(spawned & ~has_next, child, next_node)
-            has_next |= spawned
+            transport.send(world, si, child, wo, reflects, spawned)
+            next_node, has_next = stack.push_all_but_first(child, spawned, next_node, has_next)
         return next_node, has_next
 
     def _roulette(self, node, active):

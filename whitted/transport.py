@@ -119,6 +119,14 @@ def node_type(variant, with_density=False, shares_type=None):
     return Node
 
 
+def send(world, si, child, wo, reflects, active):
+    """Let the ray ``child`` leave ``si`` into a specular lobe's local direction, and count it in the active lanes."""
+    ray = world.spawn(si, si.to_world(wo))
+    child.o, child.d = ray.o, ray.d
+    world.count("reflection", active & reflects)
+    world.count("transmission", active & ~reflects)
+
+
 class Stack:
     """A per-lane stack in local memory, with two precautions against Dr.Jit 1.5.
 
@@ -152,6 +160,14 @@ class Stack:
         active = active & (self.pointer < self.size)
         self.entries.write(node, self.pointer, active)
         self.pointer = dr.select(active, self.pointer + 1, self.pointer)
+
+    def push_all_but_first(self, child, active, next_node, has_next):
+        """Make ``child`` the next node in the active lanes that have none, and push it in the others.
+
+        Returns the next node and the lanes that have one.
+        """
+        self.push(child, active & has_next)
+        return dr.select(active & ~has_next, child, next_node), has_next | active
 
     def pop(self, node, active):
         """Return the top where an active lane has one, ``node`` elsewhere, and the mask of the lanes that had."""

@@ -227,7 +227,7 @@ def _sample(kind, geometry, p, n, u, active):
     else:
         t = mi.warp.square_to_uniform_disk_concentric(u) * third
         q = first + mi.Frame3f(second).to_world(mi.Vector3f(t.x, t.y, 0))
-    near = active & (dr.squared_norm(middle - p) < dr.square(FAR) * size2)
+    near = active & _is_near(p, middle, size2)
     v = mi.Vector3f(q - p)
     d = v * dr.rsqrt(dr.squared_norm(v))
     return when(near, exact, mi.Point3f(q), d, _area_pdf(v, area_normal))
@@ -239,8 +239,13 @@ def _pdf(kind, geometry, p, n, q, active):
     if kind == SPHERE:
         return sphere.pdf(*light, p, n, q, **_side(kind, geometry, p))
     middle, size2, area_normal = _extent(kind, light)
-    near = active & (dr.squared_norm(middle - p) < dr.square(FAR) * size2)
+    near = active & _is_near(p, middle, size2)
     return when(near, lambda pdf: SHAPES[kind].pdf(*light, p, n, q), _area_pdf(q - p, area_normal))
+
+
+def _is_near(p, middle, size2):
+    """Whether a flat light is so near that it pays to sample it by solid angle."""
+    return dr.squared_norm(middle - p) < dr.square(FAR) * size2
 
 
 def _area_pdf(v, area_normal):
