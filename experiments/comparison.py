@@ -45,7 +45,10 @@ MAP_REPLICATES = 8
 
 @dataclasses.dataclass(frozen=True)
 class Size:
-    """Width and height in pixels, number of replicates, and the kernel seconds that each ladder of samples reaches."""
+    """Width and height in pixels, number of replicates, and the kernel seconds that each ladder of samples reaches.
+
+    The seconds are those for each surface that scatters, so that long paths get about as many samples as short ones.
+    """
 
     side: int
     turns: int
@@ -205,7 +208,8 @@ def _complete(found, name, size, kept, pictures):
     found["depth"] = bench.depth
     found["samples"] = bench.integrators[OURS].samples
     if "ladders" not in found:
-        found["ladders"] = {label: bench.climb(label, size.seconds) for label in bench.methods}
+        seconds = size.seconds * (bench.depth - 1)
+        found["ladders"] = {label: bench.climb(label, seconds) for label in bench.methods}
         keep("samples per pixel chosen")
     else:
         for label, ladder in found["ladders"].items():  # compiles

@@ -38,7 +38,8 @@ class DistributionIntegrator(mi.SamplingIntegrator):
     ``light_samples``           integer shadow rays to each group of lights from the first hit, 1 to 64, 1
                                         or ``auto``: shared out by the noise that each effect causes
     ``gloss_samples``           integer rays into rough lobes at the first hit, 1 to 64, or ``auto``     1
-    ``interreflection_samples`` integer rays into diffuse lobes at the first hit, 1 to 64, or ``auto``   1
+    ``interreflection_samples`` integer rays into diffuse lobes at the first hit, 1 to 64, or ``auto``;  1
+                                        of a surface with both kinds of lobes the larger number counts
     ``offset``                  string  where rays leave surfaces: beside them by the ``bound`` of       bound
                                         rounding errors, or as ``mitsuba`` does
     ``direct_light``            string  how rough surfaces find lights: by ``rays``, by samples of the   auto

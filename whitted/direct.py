@@ -103,12 +103,12 @@ class DirectLight:
 
         def step(j, L, rays, sampler):
             self.world.rays = dict(rays)
-            part = None if is_one else (j, count)
+            draws = self.draws if is_one else self.draws.part(j, count)
             u, choice = mi.Point2f(0.5), mi.Float(0.5)
             if group.needs_point:
-                u = self.draws("light", self.node, 2 * number, part)
+                u = draws("light", self.node, 2 * number)
             if group.needs_choice:
-                choice = self.draws("light", self.node, 2 * number + 1, part).x
+                choice = draws("light", self.node, 2 * number + 1).x
             L = L + self._sample(group, u, choice, active)
             return j + 1, L, self.world.rays, sampler
 

@@ -35,7 +35,7 @@ class Paths:
     """
 
     def __init__(self, integrator, world, ray, draws, plan):
-        self.world, self.ray, self.draws = world, ray, draws
+        self.world, self.ray = world, ray
         self.lights = world.lights("soft_shadows" not in plan)
         limit = integrator.max_depth
         # Data, not literals: the kernel serves all values
@@ -43,8 +43,8 @@ class Paths:
         self.rr_depth = dr.opaque(mi.UInt32, integrator.rr_depth)
         self.tree_depth = dr.opaque(mi.UInt32, integrator.tree_depth)
         self.light_samples, self.gloss_samples, self.diffuse_samples = integrator.samples_of(plan).values()
-
         self._decide(integrator, plan)
+        self.draws = draws.refined(max(self.splits, self.light_samples))
 
     def _decide(self, integrator, plan):
         """Find out what the kernel needs of it all: Python values, known when it is made."""
@@ -80,7 +80,7 @@ class Paths:
         )
         self.goes_on = self.has_specular or self.has_smooth  # beyond the first surface
         self.has_stack = self.has_specular or (self.has_smooth and self.splits > 1)
-        self.Node = transport.node_type(mi.variant(), self.combines, self.lights.shares_type)
+        self.Node = transport.node_type(mi.variant(), self.combines, self.lights.shares_type, self.splits > 1)
         levels = integrator.tree_depth * self.world.branching if self.has_specular else 0
         self.stack_size = max(8, 1 << (levels + self.splits).bit_length())
 
@@ -101,6 +101,8 @@ class Paths:
             root.p, root.n, root.pdf = mi.Point3f(0), mi.Vector3f(0), mi.Float(0)
             if self.lights.shares_type:
                 root.shares = self.lights.shares_type(0)
+        if self.splits > 1:
+            root.part = self.draws.index
         self.world.count("eye", active)
         sums = {"radiance": mi.Spectrum(0), "escaped": mi.Float(0)}
         if not self.goes_on:
@@ -148,14 +150,14 @@ class Paths:
         light = DirectLight(
             world,
             lights,
-            self.draws,
+            vertex.draws,
             si,
             node.id,
             vertex.albedo,
             closed=vertex.is_seen,
             combined=vertex.combined,
-            samples=self._count(vertex, self.light_samples),
-            rays=self._count(vertex, self.gloss_samples if self.splits > 1 else 1),
+            samples=self._count(vertex.is_first, self.light_samples),
+            rays=vertex.splits,
             rough=vertex.rough if self.is_rough else None,
             technique=self.technique,
         )
@@ -206,6 +208,7 @@ class Paths:
         rough = mi.has_flag(flags, mi.BSDFFlags.Glossy)
         onwards = node.depth + 2 < self.max_depth
         is_seen = (node.tag & CHAIN) != 0
+        is_first = is_seen & (node.depth == 0)
         combined = None
         if self.combines or self.seeks_alone:
             plain = rough & self.seeks
@@ -221,15 +224,26 @@ class Paths:
             flags,
             rough,
             onwards,
-            is_seen & (node.depth == 0),
+            is_first,
             is_seen,
+            self._splits(flags, rough, is_first),
+            self.draws.at(node.part) if self.splits > 1 else self.draws,
             albedo,
             combined,
         )
 
-    def _count(self, vertex, samples):
+    def _count(self, is_first, samples):
         """The number of samples at a vertex: several at the first hit, one elsewhere."""
-        return 1 if samples == 1 else dr.select(vertex.is_first, mi.UInt32(samples), 1)
+        is_one = isinstance(samples, int) and samples == 1
+        return 1 if is_one else dr.select(is_first, mi.UInt32(samples), 1)
+
+    def _splits(self, flags, rough, is_first):
+        """The number of rays into the smooth lobes of a vertex: the larger one where it has both kinds of lobes."""
+        if self.splits == 1:
+            return 1
+        diffuse = mi.has_flag(flags, mi.BSDFFlags.Diffuse) & self.interreflects
+        splits = dr.select(rough, mi.UInt32(self.gloss_samples), 1)
+        return self._count(is_first, dr.select(diffuse, dr.maximum(splits, self.diffuse_samples), splits))
 
     def _scatter(self, vertex, light, stack):
         """Follow one ray into the smooth lobes of a vertex and push the others, if it is split.
@@ -239,7 +253,6 @@ class Paths:
         node, has_next = self._lobe(vertex, light, mi.UInt32(0))
         if self.splits == 1:
             return node, has_next
-        splits = self._count(vertex, self.splits)
         going = vertex.active & dr.full(mi.Bool, True, dr.width(vertex.active))
 
         def step(j, rays, sampler, *arrays):
@@ -250,7 +263,7 @@ class Paths:
 
         state = (mi.UInt32(1), self.world.rays, self.draws.state, *stack.state)
         _, self.world.rays, _, stack.entries, stack.pointer = dr.while_loop(
-            state, lambda j, *_: going & (j < splits), step, label="splits"
+            state, lambda j, *_: going & (j < vertex.splits), step, label="splits"
         )
         return node, has_next
 
@@ -259,9 +272,9 @@ class Paths:
         si, node = vertex.si, vertex.node
         lobe = mi.BSDFFlags
         active = vertex.active & mi.has_flag(vertex.flags, lobe.Smooth)
-        part = None if self.splits == 1 else (j, self._count(vertex, self.splits))
-        u = self.draws("branch", node.id, 0, part)
-        v = self.draws((vertex.rough, "gloss", "hemisphere"), node.id, 0, part)
+        draws = vertex.draws.part(j, vertex.splits) if self.splits > 1 else vertex.draws
+        u = draws("branch", node.id)
+        v = draws((vertex.rough, "gloss", "hemisphere"), node.id)
         sample, weight = self.world.scatter(si, u.x, v, vertex.albedo, active)
         reflects = mi.has_flag(sample.sampled_type, lobe.GlossyReflection)
         transmits = mi.has_flag(sample.sampled_type, lobe.GlossyTransmission)
@@ -272,13 +285,12 @@ class Paths:
         )
         active &= (followed | (vertex.rough & self.seeks) | self.meets) & ~dr.all(weight == 0)
         if self.splits > 1:
-            wanted = dr.select(reflects | transmits, mi.UInt32(self.gloss_samples), self.diffuse_samples)
-            wanted = dr.select(vertex.is_first, wanted, 1)
-            active &= j < wanted
-            weight = weight * dr.rcp(mi.Float(wanted))
+            weight = weight * dr.rcp(mi.Float(vertex.splits))
 
         wo = self._centred(si, sample, reflects, transmits)
-        child = self._child(node, node.w * weight, sample.eta, j + self.world.branching)
+        child = self._child(node, node.w * weight, sample.eta, 0)
+        if self.splits > 1:
+            child.part = draws.index
         child.tag |= dr.select(followed, mi.UInt32(0), FINAL)
         if self.seeks_alone:
             child.tag |= dr.select(vertex.rough, mi.UInt32(ALONE), 0)
@@ -286,8 +298,8 @@ class Paths:
         child.o, child.d = ray.o, ray.d
         if self.combines:
             pdf = si.bsdf().pdf(mi.BSDFContext(), si, wo, active) if self.world.mixes_lobes else sample.pdf
-            rays = self._count(vertex, self.gloss_samples if self.splits > 1 else 1)
-            pdf = pdf * rays * dr.rcp(mi.Float(self._count(vertex, self.light_samples)))
+            samples = self._count(vertex.is_first, self.light_samples)
+            pdf = pdf * vertex.splits * dr.rcp(mi.Float(samples))
             child.p, child.n = si.p, light.n
             if self.lights.shares_type:
                 child.shares = light.shares
@@ -309,13 +321,18 @@ class Paths:
         return wo
 
     def _child(self, node, w, eta, slot):
-        """A ray that leaves the surface where ``node`` ended; its direction is still to be set."""
+        """A ray that leaves the surface where ``node`` ended; its direction is still to be set.
+
+        ``slot`` is 0 for smooth lobes: the first ray into one, whatever part of the sample it is, is node 1.
+        """
         child = self.Node(w=w, eta=node.eta * eta, depth=node.depth + 1)
         child.tag = node.tag // VISIT * VISIT + VISIT
-        child.id = node.id * (self.world.branching + self.splits) + (slot + 1)
+        child.id = node.id * (self.world.branching + 1) + (slot + 1)
         if self.combines:
             for name in self.Node.SAMPLED:
                 setattr(child, name, getattr(node, name))
+        if self.splits > 1:
+            child.part = node.part
         return child
 
     def _branch(self, vertex, smooth, has_smooth, stack):
@@ -340,9 +357,9 @@ class Paths:
         """The branches of the lanes that are at a specular surface; see ``branch``."""
         si, node, world = vertex.si, vertex.node, self.world
         in_tree = ((node.tag & CHAIN) != 0) & (node.tag // VISIT < self.tree_depth)
-        u = self.draws("branch", node.id, 1)
+        u = vertex.draws("branch", node.id, 1)
         lobes = []
-        for slot, (wo, weight, eta, kind) in enumerate(world.delta_lobes(si, active)):
+        for slot, (wo, weight, eta, kind) in enumerate(world.delta_lobes(si, active), 1):
             straight = mi.has_flag(kind, mi.BSDFFlags.Null)
             reflects = mi.has_flag(kind, mi.BSDFFlags.DeltaReflection)
             followed = straight | (vertex.active & ((reflects & self.reflects) | (~reflects & self.refracts)))
@@ -372,7 +389,8 @@ class Paths:
         if not self.may_end:
             return node, active
         survival = dr.minimum(_importance(node.w, node.eta) * self.splits, MOST_SURVIVAL)
-        u = self.draws("branch", node.id, 2).x
+        draws = self.draws.at(node.part) if self.splits > 1 else self.draws
+        u = draws("branch", node.id, 2).x
         played = active & (node.depth >= self.rr_depth)
         node.w = node.w * dr.select(played, dr.rcp(survival), 1)
         return node, active & (~played | (u < survival))
@@ -390,6 +408,8 @@ class _Vertex(NamedTuple):
     onwards: object  # Bool: what is followed from here may scatter again
     is_first: object  # Bool: it is seen by the eye directly
     is_seen: object  # Bool: it is seen directly or by way of specular surfaces
+    splits: object  # UInt32 or 1: how many rays go into its smooth lobes
+    draws: object  # the numbers of its sample, or part of a sample
     albedo: object  # Spectrum: reflectance of the diffuse lobes, where it is needed
     combined: object  # masks, see `DirectLight`; None: none of both
 

@@ -222,11 +222,11 @@ class _Redrawn(Draws):
         super().__init__(draws.pixel, draws.index, draws.seed, draws.block, draws.joint, draws.bits)
         self.eye, self.light, self.lobes = draws.seed, light, lobes
 
-    def __call__(self, effect, node=0, split=0, part=None):
+    def __call__(self, effect, node=0, split=0):
         """Return the numbers, see `Draws`."""
         here = self.light if effect == "light" else self.lobes
         self.seed = self.eye + dr.select(mi.UInt32(node) == 0, here, self.lobes)
-        return super().__call__(effect, node, split, part)
+        return super().__call__(effect, node, split)
 
 
 def _variance(a, b):

@@ -83,11 +83,11 @@ def direct_light(world, si, draws, node, active, shadows=True, context=None):
 
 
 @functools.cache
-def node_type(variant, with_density=False, shares_type=None):
+def node_type(variant, with_density=False, shares_type=None, splits=False):
     """Return the class of a ray waiting to be traced, for a variant that is active.
 
     ``with_density`` adds where its direction was sampled, and with which density; and what lights were chosen by there,
-    if that has a type. ``SAMPLED`` are the names of these.
+    if that has a type. ``SAMPLED`` are the names of these. ``splits`` adds which part of its sample a ray belongs to.
     """
     sampled = {
         "p": mi.Point3f,  # the vertex at which the direction was sampled
@@ -108,6 +108,7 @@ def node_type(variant, with_density=False, shares_type=None):
             "tag": mi.UInt32,  # flags of the integrator's own
             "id": mi.UInt32,  # number of the node in the tree, the same in every order of traversal
             **sampled,
+            **({"part": mi.UInt32} if splits else {}),  # the number among the parts of all samples
         }
 
         def __init__(self, *values, **named):

@@ -4,6 +4,8 @@ A number is a pure function of its arguments, so depth-first and breadth-first t
 an effect can be left out or frozen without touching the others, and a render resumes at any index.
 """
 
+import copy
+
 import drjit as dr
 import mitsuba as mi
 
@@ -17,16 +19,15 @@ AUDIT = 0x9E3779B9  # sets the numbers apart that choose what is measured from t
 class Draws:
     """Owen-scrambled Sobol' points over the sample index.
 
-    What is drawn for the effects of ``joint`` before the first branch, at node 0, are coordinates of one point, so that
-    effects are stratified together. All other draws, one for each effect, node and split, are (0, 2)-points of their
-    own, in an order of their own.
+    What is drawn for the effects of ``joint`` is coordinates of one point, so that they are stratified together. All
+    other draws, one for each effect, node and split, are (0, 2)-points of their own, in an order of their own.
 
     Args:
         pixel: ``UInt32`` [N], the pixel's number in the whole film, so that a crop draws the same numbers.
         index: ``UInt32`` [N], the sample's number within the pixel.
         seed: ``UInt32`` [N or 1]; different seeds give independent randomisations.
         block: ``UInt32`` [N], the number of the pixel's block; audits are decided alike in a whole block.
-        joint: from names of ``EFFECTS`` to the first of two dimensions of the point; see ``joint_dimensions``.
+        joint: from (name in ``EFFECTS``, node) to the first of two dimensions of the point; see ``joint_dimensions``.
         bits: ``int``, the index is below ``2**bits``.
     """
 
@@ -35,30 +36,52 @@ class Draws:
         self.joint, self.bits = joint or {}, bits
         self.state = None
 
-    def __call__(self, effect, node=0, split=0, part=None):
+    def __call__(self, effect, node=0, split=0):
         """Return a ``Point2f`` in [0, 1)^2 for an effect at a node.
 
         Args:
             effect: one of ``EFFECTS``, or a mask and two of them, the first where the mask is set.
             node: ``UInt32`` [N].
             split: ``int`` or ``UInt32``, tells several draws for one effect at one node apart.
-            part: where a sample draws several times for the same, the number of the draw and how many there are
-                (``UInt32``): together with those of the other samples they make up one sequence.
         """
-        index = self.index if part is None else self.index * part[1] + part[0]
         key = mi.UInt32(split) * len(EFFECTS) + _number(effect)
         node = mi.UInt32(node)
         order, *seeds = hash4(self.pixel, key, self.seed, node)[1:]
-        first = self.joint.get(effect if isinstance(effect, str) else effect[1])
-        if first is None or part is not None or not (isinstance(split, int) and split == 0):
-            return sobol_2d(index, (order, *seeds))
-        words = [digits(index, first + k, self.bits) for k in range(2)]
-        if not (node.state == dr.VarState.Literal and node[0] == 0):
-            shuffled = owen_scramble(index, order)
-            words = [
-                dr.select(node == 0, *pair) for pair in zip(words, (shuffled, pascal(shuffled)), strict=True)
-            ]
+        joint = self._joint(effect, node) if isinstance(split, int) and split == 0 else {}
+        if not joint:
+            return sobol_2d(self.index, (order, *seeds))
+        shuffled = owen_scramble(self.index, order)
+        words = [shuffled, pascal(shuffled)]
+        for number, first in joint.items():
+            own = [digits(self.index, first + k, self.bits) for k in range(2)]
+            words = [dr.select(node == number, *pair) for pair in zip(own, words, strict=True)]
         return mi.Point2f(*(scrambled(word, seed) for word, seed in zip(words, seeds, strict=True)))
+
+    def _joint(self, effect, node):
+        """The first dimension in the joint point by the nodes at which an effect has one, those that may be meant."""
+        name = effect if isinstance(effect, str) else effect[1]
+        known = node[0] if node.state == dr.VarState.Literal else None
+        return {
+            number: first
+            for (joint, number), first in self.joint.items()
+            if joint == name and known in (None, number)
+        }
+
+    def refined(self, count):
+        """Return the same numbers, from sequences that are long enough for ``count`` (``int``) parts of each sample."""
+        other = copy.copy(self)
+        other.bits = min(self.bits + (count - 1).bit_length(), 32)
+        return other
+
+    def at(self, index):
+        """Return the numbers of another sample of the pixel, or of a part of one."""
+        other = copy.copy(self)
+        other.index = index
+        return other
+
+    def part(self, number, count):
+        """Return the numbers of one of ``count`` parts of the sample: together they make up a finer sequence."""
+        return self.at(self.index * count + number)
 
     def audit(self, node):
         """Return a ``Float`` in [0, 1) that decides what is measured at a node, without a say in the picture.
@@ -69,15 +92,20 @@ class Draws:
 
 
 def joint_dimensions(plan):
-    """Return the ``joint`` of `Draws` for what a plan simulates: what isn't called for takes no dimension."""
+    """Return the ``joint`` of `Draws` for what a plan simulates: what isn't called for takes no dimension.
+
+    The first dimensions of the sequence are the best. Lights at the second surface gain nothing from being among them.
+    """
+    scatters = any(effect in plan for effect in ("gloss", "translucency", "interreflection"))
     wanted = {
-        "pixel": "antialiasing" in plan,
-        "lens": "depth_of_field" in plan,
-        "light": "soft_shadows" in plan,
-        "gloss": any(effect in plan for effect in ("gloss", "translucency", "interreflection")),
+        ("pixel", 0): "antialiasing" in plan,
+        ("lens", 0): "depth_of_field" in plan,
+        ("gloss", 0): scatters,
+        ("light", 0): "soft_shadows" in plan,
+        ("gloss", 1): scatters,
     }
-    names = [name for name, is_wanted in wanted.items() if is_wanted]
-    return {name: 2 * number for number, name in enumerate(names)}
+    drawn = [draw for draw, is_wanted in wanted.items() if is_wanted]
+    return {draw: 2 * number for number, draw in enumerate(drawn)}
 
 
 def _number(effect):
@@ -96,10 +124,17 @@ class SamplerDraws:
 
     def __init__(self, sampler):
         self.sampler = self.state = sampler
+        self.index = mi.UInt32(0)
 
-    def __call__(self, effect, node=0, split=0, part=None):
+    def __call__(self, effect, node=0, split=0):
         """Return the sampler's next ``Point2f``; the arguments don't matter."""
         return self.sampler.next_2d()
+
+    def refined(self, *_):
+        """Return the same: further parts take further numbers."""
+        return self
+
+    at = part = refined
 
     def audit(self, node):
         """Return the sampler's next ``Float``."""
