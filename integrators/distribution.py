@@ -9,7 +9,7 @@ import dataclasses
 import drjit as dr
 import mitsuba as mi
 
-from whitted import effects, tracing
+from whitted import budget, effects, tracing
 from whitted.errors import UsageError
 from whitted.offsets import check_rule
 from whitted.paths import Paths
@@ -18,7 +18,7 @@ from whitted.sampling.draws import SamplerDraws
 from whitted.world import World
 
 MAX_SAMPLES = 64
-# Numbers of samples at the first hit, and the kind as which a pilot shares them out
+# Numbers of samples at the first hit, and the kind as which `whitted.budget` shares them out
 SAMPLES = {"light_samples": "light", "gloss_samples": "lobes", "interreflection_samples": "lobes"}
 
 
@@ -104,7 +104,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         found = dataclasses.replace(found, direct_light=technique, reason=reason)
         if pilot is None or "auto" not in self.samples.values():
             return found
-        return dataclasses.replace(found, samples=pilot.share(found))
+        return dataclasses.replace(found, samples=budget.share_out(pilot, found))
 
     def fixed(self, plan):
         """Return an integrator that simulates what a plan of this one says, with nothing left to decide."""

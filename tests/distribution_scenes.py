@@ -8,7 +8,7 @@ from pictures import LEVEL, REPLICATES, _renders, _t_values
 from scipy import stats
 from whitted_scenes import GREY, camera, transform
 
-from whitted.world import bsdfs_of
+from whitted.contents import bsdfs_of
 
 DISTRIBUTION = {"type": "distribution", "effects": "all", "max_depth": 4}
 DETECTABLE = 0.02  # of the picture's mean: a bias as large is seen by every comparison

@@ -25,7 +25,7 @@ def numbers(draws, effect, node):
 @pytest.mark.parametrize(("effect", "node"), JOINT + PADDED)
 def test_parts_of_samples_make_up_one_finer_sequence(effect, node):
     """Of 16 samples with 4 parts each one number lies in every interval of 1/64."""
-    draws = draws_of(16).refined(4)
+    draws = draws_of(16).refined()
     u = np.concatenate([numbers(draws.part(mi.UInt32(part), 4), effect, node) for part in range(4)], axis=1)
     for coordinate in u:
         np.testing.assert_array_equal(np.sort((coordinate * 64).astype(int)), np.arange(64))
@@ -63,5 +63,5 @@ def test_nodes_may_be_mixed():
 def test_refined_sequences_have_the_same_numbers():
     for effect, node in JOINT + PADDED:
         np.testing.assert_array_equal(
-            numbers(draws_of(64).refined(8), effect, node), numbers(draws_of(64), effect, node)
+            numbers(draws_of(64).refined(), effect, node), numbers(draws_of(64), effect, node)
         )

@@ -11,8 +11,9 @@ import pytest
 from plugins import of_kind
 
 from whitted import lobes
+from whitted.contents import bsdfs_of
 from whitted.errors import UsageError
-from whitted.world import World, bsdfs_of
+from whitted.world import World
 
 SAMPLES = 1 << 14
 STEP = 2 / SAMPLES

@@ -42,10 +42,10 @@ def _small_sphere(world):
 def _blend(world):
     import mitsuba as mi
 
-    from whitted import lobes
+    from whitted.contents import objects_of
 
     def blends(bsdf):
-        children = [child for child in lobes.objects_of(bsdf).values() if isinstance(child, mi.BSDF)]
+        children = [child for child in objects_of(bsdf).values() if isinstance(child, mi.BSDF)]
         flags = [int(child.flags()) for child in children]
         mixes = any(not f & mi.BSDFFlags.Smooth for f in flags) and any(
             f & mi.BSDFFlags.Smooth for f in flags

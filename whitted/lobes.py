@@ -9,29 +9,8 @@ three are taken apart here and their children are asked.
 import drjit as dr
 import mitsuba as mi
 
+from whitted.contents import objects_of
 from whitted.errors import UsageError
-
-
-def objects_of(node):
-    """Return the Mitsuba objects directly inside ``node`` as a dict from name to object."""
-
-    class Children(mi.TraversalCallback):
-        def __init__(self):
-            super().__init__()
-            self.found = {}
-
-        def put(self, name, value, flags, cpptype=None):
-            if isinstance(value, mi.Object):
-                self.found[name] = value
-
-        put_object = put
-
-        def put_value(self, name, value, flags, cpptype=None):
-            pass
-
-    children = Children()
-    node.traverse(children)
-    return children.found
 
 
 def component_flags(bsdf):

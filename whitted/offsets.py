@@ -11,9 +11,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from whitted.contents import shapes_of
 from whitted.errors import UsageError
 from whitted.lights.primitives import registry_number
-from whitted.lobes import objects_of
 
 RULES = ("bound", "mitsuba")
 ULP = 2.0**-23  # the distance of neighbouring numbers, at most, relative
@@ -154,7 +154,7 @@ def _instance_error(instance, nested):
 
     There all curved shapes are met in single precision.
     """
-    kinds = {_kind(shape) for shape in nested if not _is_group(shape)}
+    kinds = set(map(_kind, nested))
     if None in kinds:
         return None
     to_world = np.array(mi.traverse(instance)["to_world"].matrix, np.float64).reshape(4, 4)
@@ -174,16 +174,7 @@ def _instance_error(instance, nested):
 def _nested(scene):
     """The shapes inside of shape groups."""
     outer = {shape.ptr for shape in scene.shapes()}
-    found = {}
-
-    def visit(node):
-        for child in objects_of(node).values():
-            if isinstance(child, mi.Shape) and child.ptr not in found:
-                found[child.ptr] = child
-                visit(child)
-
-    visit(scene)
-    return [shape for pointer, shape in found.items() if pointer not in outer and not _is_group(shape)]
+    return [shape for shape in shapes_of(scene) if shape.ptr not in outer and not _is_group(shape)]
 
 
 def _is_group(shape):

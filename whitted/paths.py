@@ -42,9 +42,11 @@ class Paths:
         self.max_depth = dr.opaque(mi.UInt32, INFINITE if limit < 0 else limit)
         self.rr_depth = dr.opaque(mi.UInt32, integrator.rr_depth)
         self.tree_depth = dr.opaque(mi.UInt32, integrator.tree_depth)
-        self.light_samples, self.gloss_samples, self.diffuse_samples = integrator.samples_of(plan).values()
+        counts = integrator.samples_of(plan).values()
+        self.light_samples, self.gloss_samples, self.diffuse_samples = counts
+        self.light_count, self.gloss_count, self.diffuse_count = (dr.opaque(mi.UInt32, n) for n in counts)
         self._decide(integrator, plan)
-        self.draws = draws.refined(max(self.splits, self.light_samples))
+        self.draws = draws.refined() if max(self.splits, self.light_samples) > 1 else draws
 
     def _decide(self, integrator, plan):
         """Find out what the kernel needs of it all: Python values, known when it is made."""
@@ -156,7 +158,7 @@ class Paths:
             vertex.albedo,
             closed=vertex.is_seen,
             combined=vertex.combined,
-            samples=self._count(vertex.is_first, self.light_samples),
+            samples=self._light_samples(vertex.is_first),
             rays=vertex.splits,
             rough=vertex.rough if self.is_rough else None,
             technique=self.technique,
@@ -232,18 +234,18 @@ class Paths:
             combined,
         )
 
-    def _count(self, is_first, samples):
-        """The number of samples at a vertex: several at the first hit, one elsewhere."""
-        is_one = isinstance(samples, int) and samples == 1
-        return 1 if is_one else dr.select(is_first, mi.UInt32(samples), 1)
+    def _light_samples(self, is_first):
+        """The number of samples of each group of lights: several at the first hit, one elsewhere."""
+        return 1 if self.light_samples == 1 else dr.select(is_first, self.light_count, 1)
 
     def _splits(self, flags, rough, is_first):
         """The number of rays into the smooth lobes of a vertex: the larger one where it has both kinds of lobes."""
         if self.splits == 1:
             return 1
         diffuse = mi.has_flag(flags, mi.BSDFFlags.Diffuse) & self.interreflects
-        splits = dr.select(rough, mi.UInt32(self.gloss_samples), 1)
-        return self._count(is_first, dr.select(diffuse, dr.maximum(splits, self.diffuse_samples), splits))
+        splits = dr.select(rough, self.gloss_count, 1)
+        splits = dr.select(diffuse, dr.maximum(splits, self.diffuse_count), splits)
+        return dr.select(is_first, splits, 1)
 
     def _scatter(self, vertex, light, stack):
         """Follow one ray into the smooth lobes of a vertex and push the others, if it is split.
@@ -298,8 +300,7 @@ class Paths:
         child.o, child.d = ray.o, ray.d
         if self.combines:
             pdf = si.bsdf().pdf(mi.BSDFContext(), si, wo, active) if self.world.mixes_lobes else sample.pdf
-            samples = self._count(vertex.is_first, self.light_samples)
-            pdf = pdf * vertex.splits * dr.rcp(mi.Float(samples))
+            pdf = pdf * vertex.splits * dr.rcp(mi.Float(self._light_samples(vertex.is_first)))
             child.p, child.n = si.p, light.n
             if self.lights.shares_type:
                 child.shares = light.shares

@@ -11,13 +11,11 @@ import numpy as np
 
 from whitted import techniques
 from whitted.film import cropped, eye_rays, luminance
-from whitted.sampling.draws import Draws, joint_dimensions
-from whitted.sampling.groups import Segments, opaque_seed
+from whitted.sampling.draws import joint_dimensions
+from whitted.sampling.groups import Segments
 from whitted.sampling.sequences import hash4
 
 SAMPLES = 1 << 18
-EYE_COST = 2.0  # of all that precedes the lights of the first hit, in shadow rays
-MOST_SHARE = 16  # samples of a kind at the first hit
 BOUNCES = 6
 ERRORS, UNSEEN = 1.645, 3.0  # 95 %: standard errors, and how many rare events of a kind may not have come up
 # Sizes from which on there is no need to look further
@@ -58,23 +56,6 @@ class Pilot:
             bound = self._difference(effect, frozenset(called))
         return not bound["relative"] <= negligible, evidence, bound
 
-    def share(self, plan):
-        """Return how many samples of each kind of `SAMPLED` to take at the first hit, by the noise that each causes.
-
-        With the variances V and the costs C of a kind and of the rest of a sample, the noise of a given time is least
-        with sqrt(V_kind / V_rest * C_rest / C_kind) of them [ArvoKirk1990]. The variances are those of independent
-        numbers: one more run of the same samples has the numbers of one kind drawn anew, one has all.
-        """
-        with dr.suspend_grad(), cropped(self.sensor):
-            first = self._redrawn(plan, set())
-            rays = {kind: float(dr.sum(count)[0]) / SAMPLES for kind, count in self.world.rays.items()}
-            noise = {kind: _variance(first, self._redrawn(plan, {kind})) for kind in ("light", "lobes")}
-            rest = _variance(first, self._redrawn(plan, {"light", "lobes", "eye"})) - sum(noise.values())
-        groups = len(self.world.lights("soft_shadows" not in plan).groups)
-        below = max(sum(rays.values()) - rays["eye"] - groups, 0.5)
-        cost = {"eye": EYE_COST, "light": float(groups), "lobes": below}
-        return {kind: _share(noise[kind], max(rest, 0), cost["eye"], cost[kind]) for kind in noise}
-
     def direct_light(self, called):
         """Return how the light at rough surfaces is best found, ``both`` or ``rays``, and why.
 
@@ -88,26 +69,31 @@ class Pilot:
             ray, weight, _, _, active = self._eye_rays(effects)
             more, samples, rays = techniques.excess(self.world, ray, active, seed=1)
             more = luminance(more * dr.square(weight), ray.wavelengths).numpy().astype(np.float64)
-            both = _variance(self._redrawn(effects, set()), self._redrawn(effects, {"light", "lobes", "eye"}))
+            change = np.square(self._luminance(effects) - self._luminance(effects, seed=1))
+        both = float(change[np.isfinite(change)].mean()) / 2
         more = max(float(more[np.isfinite(more)].mean()), 0) / both if both > 0 else np.inf
         slower = techniques.SAMPLE_COST * samples / rays
         saved = 100 * slower / (1 + slower)
         said = f"rays alone would have {100 * more:.3g} % more variance in {saved:.2g} % less time"
         return "rays" if more < slower else "both", said
 
-    def _redrawn(self, plan, kinds):
-        """The luminance of the pilot's samples with other numbers for some kinds: a float64 array."""
-        ray, weight, draws, _, active = self._eye_rays(plan, seed=int("eye" in kinds))
-        draws = _Redrawn(draws, *(opaque_seed(int(kind in kinds)) for kind in ("light", "lobes")))
-        self.world.forget_rays()
-        found = self.integrator.estimate(self.world, ray, draws, plan, active)
-        dr.eval(found["radiance"], self.world.rays)
-        return luminance(found["radiance"] * weight, ray.wavelengths).numpy().astype(np.float64)
+    def pixels(self, plan, seed, count, spp):
+        """Return the luminance of pixels chosen at random (float64 [count]), the same for all seeds.
+
+        Args:
+            plan: `whitted.effects.Plan`.
+            seed: ``int``, of the samples.
+            count: ``int``, number of pixels.
+            spp: ``int``, samples of each.
+        """
+        with dr.suspend_grad(), cropped(self.sensor):
+            found = self._luminance(plan, seed, _Scattered(*self.size, count * spp, spp))
+        return found.reshape(count, spp).mean(1)
 
     def _difference(self, effect, called):
         """The upper bound of the mean change in radiance if an effect is left out, absolute and relative."""
-        joint = joint_dimensions(called)
-        on, off = (self._radiance(plan, joint) for plan in (called, called - {effect}))
+        joint = joint_dimensions(called)  # the same numbers, whatever is left out
+        on, off = (self._luminance(plan, joint=joint) for plan in (called, called - {effect}))
         finite = np.isfinite(on) & np.isfinite(off)
         change, mean = np.abs(on - off)[finite], on[finite].mean()
         seen = change.mean() + ERRORS * change.std() / np.sqrt(change.size)
@@ -122,15 +108,18 @@ class Pilot:
         si = self.world.scene.ray_intersect(ray, active)
         return (si.emitter(self.world.scene, active) != None).numpy()  # noqa: E711
 
-    def _radiance(self, plan, joint):
-        ray, weight, draws, _, active = self._eye_rays(plan)
-        draws.joint = joint  # the same numbers, whatever is left out
+    def _luminance(self, plan, seed=0, grid=None, joint=None):
+        """The luminance of the pilot's samples: a float64 array [lanes of the grid]."""
+        ray, weight, draws, _, active = self._eye_rays(plan, seed, grid)
+        if joint is not None:
+            draws.joint = joint
         self.world.forget_rays()
         found = self.integrator.estimate(self.world, ray, draws, plan, active)
+        dr.eval(found["radiance"], self.world.rays)
         return luminance(found["radiance"] * weight, ray.wavelengths).numpy().astype(np.float64)
 
-    def _eye_rays(self, plan, seed=0):
-        return eye_rays(self.sensor, self.size, _Scattered(*self.size), Segments(seed), plan)
+    def _eye_rays(self, plan, seed=0, grid=None):
+        return eye_rays(self.sensor, self.size, grid or _Scattered(*self.size), Segments(seed), plan)
 
     # ---- Each of these returns a size and what to say of it
 
@@ -215,51 +204,21 @@ def _angle(p, lower, upper):
     return float(2 * np.arctan2(np.linalg.norm(upper - lower) / 2, distance))
 
 
-class _Redrawn(Draws):
-    """The numbers of a sample with seeds of their own for the lights of the first hit, and for all that follows it."""
-
-    def __init__(self, draws, light, lobes):
-        super().__init__(draws.pixel, draws.index, draws.seed, draws.block, draws.joint, draws.bits)
-        self.eye, self.light, self.lobes = draws.seed, light, lobes
-
-    def __call__(self, effect, node=0, split=0):
-        """Return the numbers, see `Draws`."""
-        here = self.light if effect == "light" else self.lobes
-        self.seed = self.eye + dr.select(mi.UInt32(node) == 0, here, self.lobes)
-        return super().__call__(effect, node, split)
-
-
-def _variance(a, b):
-    """The variance, mean over the picture, of what differs between two runs."""
-    change = np.square(a - b)
-    return float(change[np.isfinite(change)].mean() / 2)
-
-
-def _share(noise, rest, cost_rest, cost):
-    """The number of samples of one kind, a power of two."""
-    if noise <= 0:
-        return 1
-    best = np.sqrt(noise / rest * cost_rest / cost) if rest > 0 else np.inf
-    return int(2 ** np.clip(np.round(np.log2(np.clip(best, 1, MOST_SHARE))), 0, None))
-
-
 class _Scattered:
-    """The pilot's samples: pixels at random, with the interface of `whitted.film.Grid`."""
+    """Samples of pixels at random, with the interface of `whitted.film.Grid`; by default one of each."""
 
-    start, count = 0, SAMPLES
+    start = 0
 
-    def __init__(self, width, height):
-        self.width, self.height = width, height
+    def __init__(self, width, height, lanes=SAMPLES, spp=1):
+        self.width, self.height, self.spp = width, height, spp
+        self.lanes = self.count = lanes
 
     def samples(self):
         """Return x and y (``Int32``), the sample's number, the block's, and who is active."""
-        lane = dr.arange(mi.UInt32, SAMPLES)
-        a, b, *_ = hash4(lane, mi.UInt32(1), mi.UInt32(2), mi.UInt32(3))
+        lane = dr.arange(mi.UInt32, self.lanes)
+        spp = dr.opaque(mi.UInt32, self.spp)
+        choice = lane // spp
+        a, b, *_ = hash4(choice, mi.UInt32(1), mi.UInt32(2), mi.UInt32(3))
         x, y = a % dr.opaque(mi.UInt32, self.width), b % dr.opaque(mi.UInt32, self.height)
-        return (
-            mi.Int32(x),
-            mi.Int32(y),
-            lane // (self.width * self.height),
-            lane // 16,
-            dr.full(mi.Bool, True, SAMPLES),
-        )
+        number = lane - choice * spp + choice // (self.width * self.height) * spp
+        return mi.Int32(x), mi.Int32(y), number, lane // 16, dr.full(mi.Bool, True, self.lanes)

@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from whitted import lobes
+from whitted.contents import bsdfs_of
 from whitted.errors import UsageError
 from whitted.lights.collection import Lights
 from whitted.lights.primitives import mean_radiance, registry_number
@@ -304,21 +305,6 @@ def _is_crowded(scene):
         if near.any():
             return True
     return False
-
-
-def bsdfs_of(scene):
-    """Return all outermost BSDFs of a scene, those of shape groups included."""
-    found = {}
-
-    def visit(node):
-        for child in lobes.objects_of(node).values():
-            if isinstance(child, mi.BSDF):
-                found[child.ptr] = child
-            elif isinstance(child, (mi.Shape, mi.Scene)):
-                visit(child)
-
-    visit(scene)
-    return list(found.values())
 
 
 def _is_delta(emitter):

@@ -27,6 +27,7 @@ from equal_time import Curve, advantage, common_seconds, squared_error
 from whitted import film
 from whitted.lights import bounded, tree, warp
 from whitted.replicates import box_sensor, replicate, seeds
+from whitted.sampling.draws import joint_dimensions
 from whitted.world import World
 
 SIDE = 256
@@ -64,6 +65,13 @@ def evenly(cosines):
     return [mi.Float(1)] * 4
 
 
+def first(plan):
+    """The joint dimensions of the first surface alone."""
+    return {
+        (effect, node): dimension for (effect, node), dimension in joint_dimensions(plan).items() if not node
+    }
+
+
 ABLATIONS = (
     Ablation("unoccluded light in closed form", "open_floor", patches=((bounded, "CLOSED", set()),)),
     Ablation("unoccluded light in closed form", "soft_shadows", patches=((bounded, "CLOSED", set()),)),
@@ -84,6 +92,13 @@ ABLATIONS = (
     Ablation("joint points", "soft_shadows", patches=((film, "joint_dimensions", lambda plan: {}),)),
     Ablation("joint points", "depth_of_field", patches=((film, "joint_dimensions", lambda plan: {}),)),
     Ablation("joint points", "interreflection", patches=((film, "joint_dimensions", lambda plan: {}),)),
+    Ablation("joint points", "translucency", patches=((film, "joint_dimensions", lambda plan: {}),)),
+    Ablation(
+        "second surface in the joint point", "interreflection", patches=((film, "joint_dimensions", first),)
+    ),
+    Ablation(
+        "second surface in the joint point", "translucency", patches=((film, "joint_dimensions", first),)
+    ),
     Ablation("specular branches as a tree to depth 1", "glass", without={"tree_depth": 0}),
     Ablation("specular branches as a tree to depth 1", "mirrors", without={"tree_depth": 0}),
     Ablation("samples shared out by noise", "soft_shadows", AUTO, without=dict.fromkeys(AUTO, 1)),

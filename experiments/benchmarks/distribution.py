@@ -47,18 +47,16 @@ def ratios(measured):
 
 def references(measured):
     """The rows of the table on what the errors are taken against."""
-    rows = [
-        ("scene", "variance of the reference / smallest error", "distribution - path [its interval]", "tests")
-    ]
+    bias_column = "distribution - Mitsuba's [its interval]"
+    rows = [("scene", "Mitsuba's side", "variance of the reference / smallest error", bias_column, "tests")]
     for name, (found, _) in measured.items():
         reference = found["reference"]
         share = reference["variance"] / min(c.band()[0].min() for c in comparison.curves(found).values())
         text = f"{share:.3f} {'' if 0 <= share < comparison.TENTH else '(MISSED, below 0.1)'}"
         low, high = reference["image"]["interval"]
         bias = f"{100 * reference['image']['value']:+.4f} % [{100 * low:+.4f}, {100 * high:+.4f}]"
-        rows.append(
-            (name, text, bias, f"{reference['verdict']}, p >= {min(reference['p_value'].values()):.2g}")
-        )
+        tests = f"{reference['verdict']}, p >= {min(reference['p_value'].values()):.2g}"
+        rows.append((name, reference["of"], text, bias, tests))
     return rows
 
 

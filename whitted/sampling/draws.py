@@ -67,10 +67,10 @@ class Draws:
             if joint == name and known in (None, number)
         }
 
-    def refined(self, count):
-        """Return the same numbers, from sequences that are long enough for ``count`` (``int``) parts of each sample."""
+    def refined(self):
+        """Return the same numbers, from sequences that are long enough for up to 256 parts of each sample."""
         other = copy.copy(self)
-        other.bits = min(self.bits + (count - 1).bit_length(), 32)
+        other.bits = min(self.bits + 8, 32)
         return other
 
     def at(self, index):
