@@ -36,7 +36,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
     ``tree_depth``              integer up to this depth all branches of specular surfaces are followed, 1
                                         below one is chosen at random
     ``light_samples``           integer shadow rays to each group of lights from the first hit, 1 to 64, 1
-                                        or ``auto``: shared out by the noise that each effect causes
+                                        or ``auto``: the number with the least noise at equal cost
     ``gloss_samples``           integer rays into rough lobes at the first hit, 1 to 64, or ``auto``     1
     ``interreflection_samples`` integer rays into diffuse lobes at the first hit, 1 to 64, or ``auto``;  1
                                         of a surface with both kinds of lobes the larger number counts
