@@ -173,7 +173,7 @@ def test_other_bsdfs_keep_their_own(kind):
 
 
 KERNELS = """
-import sys
+import gc, sys
 import whitted, mitsuba as mi, drjit as dr
 mi.set_variant("llvm_ad_rgb")
 sys.path.append(sys.argv[1])
@@ -184,6 +184,7 @@ register()
 
 def kernels(scene, **properties):
     integrator = mi.load_dict({"type": "whitted", **properties})
+    gc.collect()
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()
         dr.eval(mi.render(scene, integrator=integrator, spp=1))
@@ -198,7 +199,7 @@ for bsdf in ({"type": "diffuse"}, phong()):
 
 
 def test_the_kernel_of_the_default_is_untouched(python, request):
-    """In a process of its own: instances of other scenes would have a part in the kernels."""
+    """In a process of its own, swept before each render: objects of scenes still alive have a part in kernels."""
     done = python(KERNELS, request.path.parent)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["True", "True", "True", "False"]
