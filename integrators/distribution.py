@@ -112,10 +112,10 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         return mi.load_dict(self.properties() | decided | self.samples_of(plan))
 
     def samples_of(self, plan):
-        """Return the numbers of samples at the first hit by their properties' names, those that are shared out too."""
-        shared = getattr(plan, "samples", {})
+        """Return the numbers of samples at the first hit by property, the plan's for `auto`."""
+        found = getattr(plan, "samples", {})
         return {
-            name: shared.get(kind, 1) if self.samples[name] == "auto" else self.samples[name]
+            name: found.get(kind, 1) if self.samples[name] == "auto" else self.samples[name]
             for name, kind in SAMPLES.items()
         }
 

@@ -64,6 +64,17 @@ def test_an_emitter_that_neither_rays_nor_samples_find():
     assert not expected.any()
 
 
+SKIES = [name for name in EMITTERS if name.startswith(("constant", "envmap", "sunsky"))]
+
+
+@pytest.mark.parametrize("name", [None, *(name for name in EMITTERS if "area" not in name)])
+def test_emitters_without_a_surface(name):
+    lights = {"light": EMITTERS[name]()} if name else {}
+    scene = mi.load_dict({"type": "scene", "camera": camera(size=8)} | lights)
+    found, _ = assert_agrees(scene, spp=256, detectable=DETECTABLE if name in SKIES else np.inf)
+    assert found.any() == (name in SKIES)
+
+
 def test_no_emitter_is_left_out():
     assert of_kind("Emitter") == {name.split(",")[0] for name in EMITTERS} | NO_EMITTERS.keys()
 

@@ -49,7 +49,7 @@ SENTENCES = [  # effect, what there is beside a floor, max_depth, whether it is 
         {"lamp": "area", "floor": CONDUCTOR},
         -1,
         False,
-        "no surface scatters light: smooth conductor",
+        "no surface scatters light, all are specular: smooth conductor",
     ),
     ("reflection", {"ball": CONDUCTOR}, 2, True, "reflecting: smooth conductor"),
     ("reflection", {"ball": CONDUCTOR}, 1, False, "nothing is seen in smooth conductor"),

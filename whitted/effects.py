@@ -72,7 +72,7 @@ class Plan:
     # Of the kernel made from it, where that was measured: ``operations``, and in comparison with all effects
     # ``operations_of_all`` and the ratio ``time_to_all``
     kernel: dict = dataclasses.field(default_factory=lambda: {"operations": None})
-    # At the first hit, of "light" and "lobes", where a pilot shared them out
+    # At the first hit, of "light" and "lobes", where a pilot tried them out
     samples: dict = dataclasses.field(default_factory=dict)
     direct_light: str | None = (
         None  # how rough surfaces find the lights, one of `TECHNIQUES`, where there is a choice
@@ -242,7 +242,7 @@ class _Scene:
         if self.depth < 2:
             return False, f"max_depth = {self.depth}: no surface is lit"
         if not self.world.flags & mi.BSDFFlags.Smooth:
-            return False, f"no surface scatters light: {self._bsdfs()} are specular"
+            return False, f"no surface scatters light, all are specular: {self._bsdfs()}"
         return True, f"light from an area: {_listed(lights)}"
 
     def reflection(self):
@@ -332,7 +332,7 @@ def _name(thing):
 def _listed(things):
     names = list(dict.fromkeys(map(_name, things)))
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    return (", ".join(names[:LISTED]) + more) or "none"
+    return (", ".join(names[:LISTED]) + more) or "there is none"
 
 
 def as_json(plan):

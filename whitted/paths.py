@@ -51,7 +51,8 @@ class Paths:
     def _decide(self, integrator, plan):
         """Find out what the kernel needs of it all: Python values, known when it is made."""
         flags, lobe, limit = self.world.flags, mi.BSDFFlags, integrator.max_depth
-        self.scatters = limit < 0 or limit >= 2 or self.world.is_transparent
+        scatters = limit < 0 or limit >= 2 or self.world.is_transparent
+        self.scatters = scatters and bool(self.world.bsdfs)
         onwards = limit < 0 or limit >= 3
         self.reflects, self.refracts = "reflection" in plan, "refraction" in plan
         self.interreflects = "interreflection" in plan and onwards and bool(flags & lobe.Diffuse)

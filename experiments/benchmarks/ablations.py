@@ -65,7 +65,7 @@ def evenly(cosines):
     return [mi.Float(1)] * 4
 
 
-def first(plan):
+def first_surface(plan):
     """The joint dimensions of the first surface alone."""
     return {
         (effect, node): dimension for (effect, node), dimension in joint_dimensions(plan).items() if not node
@@ -94,15 +94,20 @@ ABLATIONS = (
     Ablation("joint points", "interreflection", patches=((film, "joint_dimensions", lambda plan: {}),)),
     Ablation("joint points", "translucency", patches=((film, "joint_dimensions", lambda plan: {}),)),
     Ablation(
-        "second surface in the joint point", "interreflection", patches=((film, "joint_dimensions", first),)
+        "second surface in the joint point",
+        "interreflection",
+        patches=((film, "joint_dimensions", first_surface),),
     ),
     Ablation(
-        "second surface in the joint point", "translucency", patches=((film, "joint_dimensions", first),)
+        "second surface in the joint point",
+        "translucency",
+        patches=((film, "joint_dimensions", first_surface),),
     ),
     Ablation("specular branches as a tree to depth 1", "glass", without={"tree_depth": 0}),
     Ablation("specular branches as a tree to depth 1", "mirrors", without={"tree_depth": 0}),
-    Ablation("samples shared out by noise", "soft_shadows", AUTO, without=dict.fromkeys(AUTO, 1)),
-    Ablation("samples shared out by noise", "interreflection", AUTO, without=dict.fromkeys(AUTO, 1)),
+    Ablation("numbers of samples tried out", "soft_shadows", AUTO, without=dict.fromkeys(AUTO, 1)),
+    Ablation("numbers of samples tried out", "translucency", AUTO, without=dict.fromkeys(AUTO, 1)),
+    Ablation("numbers of samples tried out", "interreflection", AUTO, without=dict.fromkeys(AUTO, 1)),
 )
 
 
