@@ -20,12 +20,12 @@ import sys
 import time
 from pathlib import Path
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 from equal_time import Curve, advantage, combined, common_seconds, squared_error
 
 from whitted import files
+from whitted.kernels import timed
 from whitted.replicates import box_sensor, replicate, seeds
 from whitted.stats.agreement import assess
 
@@ -132,11 +132,7 @@ class Bench:
     def render(self, label, seed, spp):
         """Return the picture, ``float32`` [H, W, 3], and the seconds that all kernels took."""
         camera = self.cameras[self.methods.get(label, self.methods[OURS]).sampler]
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history_clear()
-            image = replicate(self.integrators[label], self.scene, camera, seed, spp)
-            seconds = sum(kernel["execution_time"] for kernel in dr.kernel_history()) / 1000
-        return image, seconds
+        return timed(replicate, self.integrators[label], self.scene, camera, seed, spp)
 
     def climb(self, label, seconds):
         """Return the ladder of samples per pixel up to the first that takes ``seconds``, and the variance there."""

@@ -187,6 +187,16 @@ def hidden(spp=1 << 10):
     )
 
 
+def film_sums(value=0.7123):
+    """A sky of one radiance, with x samples in one pass: Mitsuba's film adds them up in float32."""
+
+    def measure(name, spp):
+        sky = {"sky": {"type": "constant", "radiance": value}}
+        return radiance(sky, name, [0, 0, 0], [0, 0, 1], int(spp), max_depth=1)
+
+    return columns(4.0 ** np.arange(9), lambda spp: np.float32(value), ("path", "distribution"), measure)
+
+
 def correlations(samples=64, pixels=1 << 12):
     """The largest correlation of two of the first eight numbers that a sampler draws; they are to be independent."""
     found = {}

@@ -30,8 +30,9 @@ PANES = ("null", "mask 0.5", "thin glass")
 def measure(small):
     mi.set_variant("llvm_ad_rgb")
     mi.set_log_level(mi.LogLevel.Error)
-    names = ("small_spheres", "gap_at_light", "contact", "transparent", "blends", "hidden", "correlations")
+    names = ("small_spheres", "gap_at_light", "contact", "transparent", "blends", "hidden", "film_sums")
     found = {name: getattr(defect_scenes, name)() for name in names}
+    found["correlations"] = defect_scenes.correlations()
     return found | {"cornell_means": defect_scenes.cornell_means(**(SMALL if small else {}))}
 
 
@@ -51,6 +52,7 @@ def table(found):
         "transparent": (f"light behind {', '.join(PANES)} (x = 0, 1, 2): what passes", False),
         "blends": ("blend of mirror and diffuse, weight x: radiance", True),
         "hidden": ("ball behind a hidden light at x of the way: radiance", True),
+        "film_sums": ("sky of one radiance, x samples in one pass: radiance", True),
     }
     for name, (words, relative) in what.items():
         print(f"{words}; largest {'relative ' if relative else ''}error")

@@ -31,10 +31,10 @@ def share_out(pilot, plan):
     wanted = [kind for kind, is_wanted in _wanted(pilot, plan).items() if is_wanted]
     if not wanted:
         return counts
-    first = _noise(pilot, plan, counts, USUAL)
-    if not first.variance:
+    first, later = (_noise(pilot, plan, counts, spp) for spp in (USUAL, MANY))
+    if not first.variance or not later.variance:
         return counts
-    order = np.log(first.variance / _noise(pilot, plan, counts, MANY).variance) / np.log(MANY / USUAL)
+    order = np.log(first.variance / later.variance) / np.log(MANY / USUAL)
     order = float(np.clip(order, *ORDERS))
     for kind in wanted:
         best = first

@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from unittest import mock
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import timing
@@ -25,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # where the statistics are s
 from equal_time import Curve, advantage, common_seconds, squared_error
 
 from whitted import film
+from whitted.kernels import timed
 from whitted.lights import bounded, tree, warp
 from whitted.replicates import box_sensor, replicate, seeds
 from whitted.sampling.draws import joint_dimensions
@@ -192,10 +192,8 @@ class Side:
 
     def render(self, spp, seed):
         """Return a picture and its kernels' seconds."""
-        with self.patched(), dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            dr.kernel_history_clear()
-            picture = replicate(self.integrator, self.scene, self.sensor, seed, spp)
-            return picture, sum(kernel["execution_time"] for kernel in dr.kernel_history()) / 1000
+        with self.patched():
+            return timed(replicate, self.integrator, self.scene, self.sensor, seed, spp)
 
     def turn(self, number, spp):
         """Render twice; keep the mean time and the variance."""

@@ -8,10 +8,11 @@ sampler, its default, and `whitted` from its own sequence.
 
 import whitted  # noqa: I001, first, since it finds LLVM before drjit looks for one
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import timing
+
+from whitted.kernels import timed
 
 DEPTH = 8
 SIZE = 512
@@ -36,22 +37,13 @@ def render(scene, integrator, seed, spp):
     return np.array(integrator.render(scene, seed=seed, spp=spp), np.float64)
 
 
-def kernel_seconds(scene, integrator, seed, spp):
-    """Seconds that the kernels of a render take."""
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
-        dr.eval(integrator.render(scene, seed=seed, spp=spp))
-        dr.sync_thread()
-        return sum(kernel["execution_time"] for kernel in dr.kernel_history((dr.KernelType.JIT,))) / 1000
-
-
 def measure_times():
     scenes, found = load(SIZE), {}
     for spp in TIMED_SPP:
         seconds = {side: [] for side in SIDES}
         for turn in range(TURNS + 1):
             for side, (scene, integrator) in scenes.items():
-                seconds[side].append(kernel_seconds(scene, integrator, turn, spp))
+                seconds[side].append(timed(render, scene, integrator, turn, spp)[1])
         found[str(spp)] = {side: taken[1:] for side, taken in seconds.items()}  # the first compiles
     return found
 

@@ -1,9 +1,9 @@
-"""How much of a render's time is left beside tracing its rays?
+"""How much of a render's time goes into tracing its rays?
 
 On `interreflection` the kernel of `distribution` is compared with that of a bare loop, which traces rays of the same
-kinds from the same pixels and does nothing else: eye rays, at each surface a ray to the light and one in a random
-direction, nothing looked up, nothing summed but hits. No integrator on these rays can be much faster; what is left to
-gain at equal time is fewer or better rays.
+kinds from the same pixels, and does hardly anything else: eye rays, at each surface a ray to the light and one in a
+random direction; no BSDF and no emitter is asked. The nearer the times for one ray, the less is to be gained by
+anything but fewer or better rays.
 """
 
 import whitted  # noqa: I001, first, since it finds LLVM before drjit looks for one
@@ -13,12 +13,14 @@ import mitsuba as mi
 import numpy as np
 import timing
 
+from whitted.kernels import timed
+
 SCENE, SIDE, SPP, TURNS = "interreflection", 256, 64, 9
-LIGHT = (0.3, 1.9, 0.6)
+LIGHT = (0.3, 1.9, 0.6)  # of the spot
 
 
 def bare(scene, seed, depth):
-    """Trace the rays; return how many (``UInt32``)."""
+    """Trace the rays of each lane; return how many, and how many of them went to the light unhindered."""
     lanes = SIDE * SIDE * SPP
     random = mi.PCG32(lanes, initstate=seed)
     pixel = dr.arange(mi.UInt32, lanes) // SPP
@@ -26,28 +28,22 @@ def bare(scene, seed, depth):
     position = (mi.Point2f(x, y) + mi.Point2f(random.next_float32(), random.next_float32())) / SIDE
     ray, _ = scene.sensors()[0].sample_ray(0.0, 0.0, position, mi.Point2f(0.5))
 
-    def step(number, active, ray, rays, random):
+    def step(number, active, ray, rays, lit, random):
         si = scene.ray_intersect(ray, active)
         rays += dr.select(active, mi.UInt32(1), 0)
         active &= si.is_valid() & (number + 1 < depth)
         free = ~scene.ray_test(si.spawn_ray_to(mi.Point3f(LIGHT)), active)
-        rays += dr.select(active, 1 + 0 * mi.UInt32(free), 0)
+        lit += dr.select(active & free, mi.UInt32(1), 0)  # else the compiler would leave the ray out
+        rays += dr.select(active, mi.UInt32(1), 0)
         d = mi.warp.square_to_cosine_hemisphere(mi.Point2f(random.next_float32(), random.next_float32()))
-        return number + 1, active, si.spawn_ray(si.to_world(d)), rays, random
+        return number + 1, active, si.spawn_ray(si.to_world(d)), rays, lit, random
 
-    state = (mi.UInt32(0), mi.Bool(True), mi.Ray3f(ray), mi.UInt32(0), random)
-    return dr.while_loop(state, lambda number, active, *_: active, step, label="bare")[3]
+    state = (mi.UInt32(0), mi.Bool(True), mi.Ray3f(ray), mi.UInt32(0), mi.UInt32(0), random)
+    return dr.while_loop(state, lambda number, active, *_: active, step, label="bare")[3:5]
 
 
-def timed(function):
-    """Run it; return its result and its kernels' seconds."""
-    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-        dr.kernel_history_clear()
-        found = function()
-        dr.eval(found)
-        dr.sync_thread()
-        kernels = dr.kernel_history((dr.KernelType.JIT,))
-    return found, sum(kernel["execution_time"] for kernel in kernels) / 1000
+def render(scene, integrator, seed):
+    return integrator.render(scene, seed=seed, spp=SPP)
 
 
 def measure():
@@ -64,9 +60,8 @@ def measure():
     seconds = {name: [] for name in (*sides, "bare")}
     for turn in range(TURNS + 1):
         for name, integrator in sides.items():
-            taken = timed(lambda made=integrator, seed=turn: made.render(scene, seed=seed, spp=SPP))[1]
-            seconds[name].append(taken)
-        count, taken = timed(lambda seed=turn: bare(scene, dr.opaque(mi.UInt64, seed), limit))
+            seconds[name].append(timed(render, scene, integrator, turn)[1])
+        (count, _), taken = timed(bare, scene, dr.opaque(mi.UInt64, turn), limit)
         seconds["bare"].append(taken)
     rays = {"bare": int(np.sum(count.numpy(), dtype=np.int64))}
     rays["distribution"] = sum(whitted.render(loaded, sides["distribution"], spp=SPP).rays.values())
