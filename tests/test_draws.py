@@ -44,6 +44,12 @@ def test_joint_draws_are_coordinates_of_one_point(first, second):
     assert max(most_in_a_cell(first, second)) <= 2
 
 
+def test_what_is_not_called_for_takes_no_dimension():
+    assert not joint_dimensions(set())
+    assert joint_dimensions({"antialiasing", "motion_blur"}) == {("pixel", 0): 0, ("time", 0): 2}
+    assert joint_dimensions({"depth_of_field", "gloss"}) == {("lens", 0): 0, ("gloss", 0): 2, ("gloss", 1): 4}
+
+
 @pytest.mark.parametrize("draw", PADDED)
 def test_padded_draws_are_shuffled(draw):
     """Some cell has more than 3 of 2^12 independent points but in one of 10^30 cases."""

@@ -4,8 +4,13 @@ Source: Lambert's formula [Lambert1760]; [Arvo1995a] has a derivation. Left out:
 that varies.
 """
 
+import functools
+import operator
+
 import drjit as dr
 import mitsuba as mi
+
+from whitted.transport import when
 
 SMALL = 0.4  # size over distance; below it the terms of Lambert's formula are summed less what cancels
 
@@ -35,35 +40,64 @@ def irradiance(vertices, p, n):
     size2 = dr.squared_norm(offsets[1])
     for offset in offsets[2:]:
         size2 = dr.maximum(size2, dr.squared_norm(offset))
-    small = size2 < SMALL * SMALL * reach2
+    view = _View(first, reach2, size2 < SMALL * SMALL * reach2, n)
+    whole = view.sum(_edges(offsets))
+    is_cut = ~functools.reduce(operator.and_, (above > 0 for above in heights))
+    total = when(is_cut, lambda total: view.sum(_clipped(offsets, heights)), whole)
+    return 0.5 * dr.abs(total)
 
-    total = mi.Float(0)
+
+def _edges(corners):
+    """The edges of a polygon, pairs of corners."""
+    return zip(corners, corners[1:] + corners[:1], strict=True)
+
+
+def _clipped(corners, heights):
+    """The edges of what is left of a polygon above the horizon, with that along the horizon."""
     leave, enter = mi.Vector3f(0), mi.Vector3f(0)  # where the polygon crosses the horizon
-    for i, (a, above) in enumerate(zip(offsets, heights, strict=True)):
-        b, b_above = offsets[(i + 1) % len(offsets)], heights[(i + 1) % len(offsets)]
+    edges = []
+    for (a, b), (above, b_above) in zip(_edges(corners), _edges(heights), strict=True):
         a_up, b_up = above > 0, b_above > 0
         cut = a + (b - a) * dr.select(a_up == b_up, 0, above / (above - b_above))
         leave, enter = dr.select(a_up & ~b_up, cut, leave), dr.select(b_up & ~a_up, cut, enter)
-        total += _edge(first, reach2, dr.select(a_up, a, cut), dr.select(b_up, b, cut), n, small)
-    return 0.5 * dr.abs(total + _edge(first, reach2, leave, enter, n, small))
+        edges.append((dr.select(a_up, a, cut), dr.select(b_up, b, cut)))
+    return [*edges, (leave, enter)]
 
 
-def _edge(first, reach2, a, b, n, small):
-    """The term of the edge from ``first + a`` to ``first + b``; for small polygons with its share of the area's."""
-    va, vb, ab = first + a, first + b, b - a
-    aa, bb = dr.squared_norm(va), dr.squared_norm(vb)
-    la, lb, reach = dr.sqrt(aa), dr.sqrt(bb), dr.sqrt(reach2)
-    product, cosine = la * lb, dr.dot(va, vb)
-    cross = dr.cross(dr.select(aa < bb, va, vb), ab)  # from the nearer end, which loses fewer digits
-    sine = dr.norm(cross)
+class _View:
+    """A polygon from the receiver; edges are given by offsets from the first corner at ``first``."""
 
-    large = dr.select(sine > 0, dr.atan2(sine, cosine) / sine, 0)
-    # angle / sine - 1, by its series in the tangent of half the angle, and 1 / (la lb) - 1 / reach^2
-    t2 = dr.square(sine / (product + cosine))
-    excess = mi.Float(0)
-    for k in range(7, 0, -1):
-        excess = t2 * (2 / (4 * k * k - 1) - excess)
-    da, db = dr.dot(a, first + va) / (la + reach), dr.dot(b, first + vb) / (lb + reach)
-    difference = (excess - (da * lb + reach * db) / reach2) / product
-    area = dr.select(small, dr.dot(n, dr.cross(a, ab)) / reach2, 0)
-    return area + dr.dot(n, cross) * dr.select(small, difference, large)
+    def __init__(self, first, reach2, small, n):
+        self.first, self.reach2, self.small, self.n = first, reach2, small, n
+
+    def sum(self, edges):
+        """Return twice the irradiance from a polygon, or minus that; a form that no lane needs is left out."""
+        edges = list(edges)
+        total = when(self.small, lambda total: sum(self._less_mean(*edge) for edge in edges), mi.Float(0))
+        return when(~self.small, lambda total: sum(self._angle(*edge) for edge in edges), total)
+
+    def _edge(self, a, b):
+        """The ends as seen from the receiver, their distances, and their cross product."""
+        va, vb = self.first + a, self.first + b
+        aa, bb = dr.squared_norm(va), dr.squared_norm(vb)
+        cross = dr.cross(dr.select(aa < bb, va, vb), b - a)  # from the nearer end, which loses fewer digits
+        return va, vb, dr.sqrt(aa), dr.sqrt(bb), cross
+
+    def _angle(self, a, b):
+        """The term of an edge as it is."""
+        va, vb, _, _, cross = self._edge(a, b)
+        sine = dr.norm(cross)
+        return dr.dot(self.n, cross) * dr.select(sine > 0, dr.atan2(sine, dr.dot(va, vb)) / sine, 0)
+
+    def _less_mean(self, a, b):
+        """The term of an edge of a small polygon less ``g``, with the edge's share of the area."""
+        va, vb, la, lb, cross = self._edge(a, b)
+        product, reach = la * lb, dr.sqrt(self.reach2)
+        # angle / sine - 1, by its series in the tangent of half the angle, and 1 / (la lb) - 1 / reach^2
+        t2 = dr.squared_norm(cross) / dr.square(product + dr.dot(va, vb))
+        excess = mi.Float(0)
+        for k in range(7, 0, -1):
+            excess = t2 * (2 / (4 * k * k - 1) - excess)
+        da, db = dr.dot(a, self.first + va) / (la + reach), dr.dot(b, self.first + vb) / (lb + reach)
+        difference = (excess - (da * lb + reach * db) / self.reach2) / product
+        return dr.dot(self.n, dr.cross(a, b - a)) / self.reach2 + dr.dot(self.n, cross) * difference

@@ -100,6 +100,7 @@ def joint_dimensions(plan):
     wanted = {
         ("pixel", 0): "antialiasing" in plan,
         ("lens", 0): "depth_of_field" in plan,
+        ("time", 0): "motion_blur" in plan,
         ("gloss", 0): scatters,
         ("light", 0): "soft_shadows" in plan,
         ("gloss", 1): scatters,
