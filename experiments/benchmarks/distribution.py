@@ -19,8 +19,7 @@ import comparison
 SCENES = ("soft_shadows", "open_floor", "gloss", "translucency", "depth_of_field", "interreflection")
 EVEN = 1 / 1.1  # at most 1.1 times worse than the best, where nothing else is asked for
 TO_BEST = {"open_floor": 20.0, "soft_shadows": 1.1}
-TO_WEAKEST = {"open_floor": 20.0, "soft_shadows": 20.0}
-OTHERWISE = 5.0
+DIRECT, OTHERWISE = 20.0, 5.0  # to the weakest, on scenes of direct light alone and on others
 WORST_PIXELS = 0.05
 
 
@@ -39,7 +38,7 @@ def ratios(measured):
     for name, (found, _) in measured.items():
         for ours in (comparison.OURS, comparison.DEFAULTS):
             seconds, best, to_best, to_weakest = comparison.advantages(found, ours)
-            targets = TO_BEST.get(name, EVEN), TO_WEAKEST.get(name, OTHERWISE)
+            targets = TO_BEST.get(name, EVEN), DIRECT if found["depth"] == 2 else OTHERWISE
             row = (name, ours, f"{seconds:.3f}", best, interval(to_best), verdict(to_best, targets[0]))
             rows.append((*row, interval(to_weakest), verdict(to_weakest, targets[1])))
     return rows
