@@ -15,7 +15,7 @@ from whitted.scene import integrator as as_integrator
 from whitted.tracing import TreePasses
 
 LANES = 1 << 19  # of a timed pass: some tens of milliseconds
-TURNS = 5  # passes with and without an effect, in turn
+TURNS = 15  # passes with and without an effect, in turn
 __all__ = ["plan", "verify"]
 
 

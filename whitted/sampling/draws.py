@@ -100,10 +100,10 @@ def joint_dimensions(plan):
     wanted = {
         ("pixel", 0): "antialiasing" in plan,
         ("lens", 0): "depth_of_field" in plan,
-        ("time", 0): "motion_blur" in plan,
         ("gloss", 0): scatters,
         ("light", 0): "soft_shadows" in plan,
         ("gloss", 1): scatters,
+        ("time", 0): "motion_blur" in plan,
     }
     drawn = [draw for draw, is_wanted in wanted.items() if is_wanted]
     return {draw: 2 * number for number, draw in enumerate(drawn)}
