@@ -113,7 +113,7 @@ class Pilot:
         ray, weight, draws, _, active = self._eye_rays(plan, seed, grid)
         if joint is not None:
             draws.joint = joint
-        self.world.forget_rays()
+        self.world.count_rays()
         found = self.integrator.estimate(self.world, ray, draws, plan, active)
         dr.eval(found["radiance"], self.world.rays)
         return luminance(found["radiance"] * weight, ray.wavelengths).numpy().astype(np.float64)

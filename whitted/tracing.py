@@ -30,16 +30,17 @@ class TreePasses:
         groups: ``Segments`` or ``Replicates``.
         encode: from radiance (``Spectrum``), alpha (``Float``), and ray to a list of values to sum up.
         channels: the length of that list.
+        counted: whether rays are.
     """
 
-    def __init__(self, integrator, world, sensor, plan, window, groups, encode, channels):
+    def __init__(self, integrator, world, sensor, plan, window, groups, encode, channels, counted=True):
         self.integrator, self.world, self.sensor, self.plan = integrator, world, sensor, plan
         self.groups, self.encode = groups, encode
         film = sensor.film()
         self.size = tuple(int(n) for n in film.size())
         self.sums = Sums(window, film.rfilter(), channels)
         self.source = window.grown(self.sums.border, self.size, beyond=film.sample_border())
-        self.rays = dict.fromkeys(KINDS, 0)
+        self.rays = dict.fromkeys(KINDS if counted else (), 0)
         self.truncation = None
 
     @property
@@ -55,14 +56,14 @@ class TreePasses:
                 self.sensor, self.size, grid, self.groups, self.plan
             )
             world = self.world
-            world.forget_rays()
+            world.count_rays(bool(self.rays))
             found = self.integrator.estimate(world, ray, draws, self.plan, active)
             given_up = [name for name in Truncation.NAMES if name in found]
             for name in given_up:  # what is only measured must not cost the picture a sample
                 found[name] = dr.select(dr.isfinite(found[name]), found[name], 0)
             values = self.encode(found, weight, ray)
-            tally = dr.zeros(mi.UInt32, len(KINDS))
-            for number, kind in enumerate(KINDS):
+            tally = dr.zeros(mi.UInt32, len(self.rays))
+            for number, kind in enumerate(self.rays):
                 dr.scatter_reduce(dr.ReduceOp.Add, tally, world.rays[kind], mi.UInt32(number), active)
             losses = [dr.zeros(mi.Float, grid.lanes // BLOCK**2) for _ in given_up]
             block = dr.arange(mi.UInt32, grid.lanes) // BLOCK**2
@@ -70,7 +71,7 @@ class TreePasses:
                 dr.scatter_reduce(dr.ReduceOp.Add, loss, found[name], block, active)
             dr.eval(values, offset if self.sums.border else None, losses, tally)
             self.sums.add(grid, self.groups.pieces(start, stop), values, offset)
-        for kind, count in zip(KINDS, tally.numpy(), strict=True):
+        for kind, count in zip(self.rays, tally.numpy(), strict=True):
             self.rays[kind] += int(count)
         if given_up:
             self.truncation = self.truncation or Truncation()
@@ -176,7 +177,7 @@ def fill_film(integrator, scene, sensor=0, seed=0, spp=0, develop=True, evaluate
     with cropped(sensor) as window:
         count = channels if special else channels - 1
         groups = Replicates(_as_int(seed), 1)
-        passes = TreePasses(integrator, world, sensor, plan, window, groups, encode, count)
+        passes = TreePasses(integrator, world, sensor, plan, window, groups, encode, count, counted=False)
         step = samples_per_pass(passes.lanes)
         for start in range(0, spp, step):
             passes.run(start, min(start + step, spp))

@@ -22,7 +22,8 @@ KINDS = ("eye", "shadow", "reflection", "transmission", "interreflection")
 class World:
     """Mitsuba's own scene: its Embree or OptiX structure, its BSDFs and its emitters.
 
-    ``rays`` counts the rays of each kind of ``KINDS`` per lane; a symbolic loop carries it as part of its state.
+    ``rays`` counts the rays of each kind of ``KINDS`` per lane, if asked to; a symbolic loop carries it as part of its
+    state.
 
     ``flags`` are those of all BSDFs together; ``branching`` is the largest number of delta lobes at one point.
 
@@ -64,11 +65,11 @@ class World:
         self.is_crowded = _is_crowded(scene)
         self.offsets = Offsets(scene, offset)
         self._lights = {}
-        self.forget_rays()
+        self.count_rays(False)
 
-    def forget_rays(self):
-        """Count from zero again."""
-        self.rays = {kind: mi.UInt32(0) for kind in KINDS}
+    def count_rays(self, wanted=True):
+        """Count from zero from now on, or not at all, which makes kernels up to a tenth faster."""
+        self.rays = {kind: mi.UInt32(0) for kind in KINDS} if wanted else {}
 
     def lights(self, as_points=False):
         """Return the `Lights` of the scene, ready to be sampled by distribution."""
@@ -79,7 +80,8 @@ class World:
 
     def count(self, kind, active):
         """Add the active lanes to the count of a kind of ray."""
-        self.rays[kind] = self.rays[kind] + dr.select(active, mi.UInt32(1), mi.UInt32(0))
+        if kind in self.rays:
+            self.rays[kind] = self.rays[kind] + dr.select(active, mi.UInt32(1), mi.UInt32(0))
 
     def intersect(self, ray, is_eye, active):
         """Return the nearest ``SurfaceInteraction3f`` along ``ray``; the caller has counted it.
