@@ -116,6 +116,23 @@ def test_other_errors_are_one_line_too(run):
     assert "Traceback" in err
 
 
+@pytest.mark.parametrize("integrator", ["distribution", "whitted", "path"])
+def test_what_mitsuba_complains_of_while_rendering_is_a_mistake_of_the_scene(run, tmp_path, integrator):
+    """A mesh without texture coordinates cannot shine through a texture, which Mitsuba says inside of the loop."""
+    (tmp_path / "light.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 -1\n1 0 -1\n0 1 -1\n3 0 1 2\n"
+    )
+    path = tmp_path / "light.xml"
+    path.write_text(
+        f'<scene version="3.0.0"><integrator type="{integrator}"/><sensor type="perspective"/>'
+        '<shape type="rectangle"><transform name="to_world"><translate z="2"/></transform></shape>'
+        '<shape type="ply"><string name="filename" value="light.ply"/><emitter type="area">'
+        '<texture name="radiance" type="checkerboard"/></emitter></shape></scene>'
+    )
+    refused(run("render", path, "-o", tmp_path / "a.exr"), "Mesh", "UV coordinates")
+
+
 def test_mitsuba_logs_to_standard_error(run, tmp_path):
     path = tmp_path / "stretched.xml"
     path.write_text(

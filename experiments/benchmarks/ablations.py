@@ -83,6 +83,11 @@ ABLATIONS = (
         "directions warped by the cosine", "wall rectangle", patches=((warp, "corner_weights", evenly),)
     ),
     Ablation(
+        "directions warped by the cosine",
+        "wall rectangle, metal",
+        patches=((warp, "corner_weights", evenly),),
+    ),
+    Ablation(
         "lights chosen by the tree, not by power", "many lights", patches=((tree, "importance", by_power),)
     ),
     Ablation("few lights chosen by the BSDF", "gloss", patches=((World, "response", unknown),)),
@@ -112,7 +117,7 @@ ABLATIONS = (
 
 
 def place(*translation, scale=1.0, turn=None):
-    placed = mi.ScalarTransform4f().translate(translation)
+    placed = mi.ScalarTransform4f().translate(list(translation))
     if turn:
         placed = placed.rotate(*turn)
     return placed.scale(scale)
@@ -161,8 +166,10 @@ def load(name):
     if not name.startswith(("wall ", "many ")):
         scene = whitted.load(name, width=SIDE, height=SIDE).mitsuba
         return scene, int(scene.integrator().max_depth)
-    things = many() if name == "many lights" else walls(name.split()[1])
-    floor = {"type": "rectangle", "to_world": place(scale=8, turn=([1, 0, 0], -90))}
+    things = many() if name == "many lights" else walls(name.removesuffix(", metal").split()[1])
+    floor = {"type": "rectangle", "to_world": place(0, 0, 0, scale=8, turn=([1, 0, 0], -90))}
+    if name.startswith("wall "):  # no diffuse floor: there the unoccluded light is known
+        floor["bsdf"] = {"type": "roughconductor" if "metal" in name else "roughplastic", "alpha": 0.5}
     camera = {
         "type": "perspective",
         "fov": 40,

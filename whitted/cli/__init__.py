@@ -23,6 +23,8 @@ SUBCOMMANDS = {
     "doctor": "Examine LLVM, variants, versions and cache, and test them.",
 }
 
+_SAID_BY = re.compile(r"\[(\w+)\] (.+)")  # how objects of Mitsuba complain
+
 
 class Subcommands(click.Group):
     """A group whose subcommands are imported when they are called: their one-line helps are above."""
@@ -87,6 +89,7 @@ def main(args=None):
 
 def _explain(error):
     """Return the line and the exit code for an exception."""
+    error = _root(error)
     if isinstance(error, click.Abort):
         return "interrupted", 130
     if isinstance(error, click.ClickException):
@@ -98,7 +101,16 @@ def _explain(error):
         return f"error: {_one_line(error)}", 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"error: {os.fspath(error.filename)!s}: {error.strerror}", 2
+    if isinstance(error, RuntimeError) and (match := _SAID_BY.fullmatch(_one_line(error))):
+        return f"error: {match[1]}: {match[2]}", 2
     return f"internal error: {type(error).__name__}: {_one_line(error)} (-v shows where)", 70
+
+
+def _root(error):
+    """Return the exception for which Dr.Jit ended a loop or a call."""
+    while isinstance(error, RuntimeError) and "encountered an exception" in str(error) and error.__cause__:
+        error = error.__cause__
+    return error
 
 
 def _one_line(text):
