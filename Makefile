@@ -11,10 +11,10 @@ NEW_PYTHON := $(firstword $(foreach python,$(PYTHON) python3.11 python3.12 pytho
 PIP := -m pip --disable-pip-version-check --quiet
 SOURCES := $(shell find whitted integrators scenes -type f -not -name '*.pyc' 2>/dev/null) README.md LICENSE
 
-.PHONY: help demo test test-long lint format clean
+.PHONY: help demo test test-long benchmarks lint format clean
 
 help: ## say what there is
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: .venv/ready ## render the shipped pictures and prove them against Mitsuba's path tracer
 	.venv/bin/python experiments/demo.py
@@ -25,6 +25,11 @@ test: .venv-test/ready ## build the wheel, install it, and run the tests against
 
 test-long: .venv-test/ready ## run the tests that take minutes, such as the rate of false alarms
 	PYTHONSAFEPATH=1 WHITTED_TEST_WHEEL=1 .venv-test/bin/python -m pytest -m long $(PYTEST_FLAGS)
+
+benchmarks: .venv/ready ## measure all tables of docs/accuracy.md and README.md: two hours of a quiet machine
+	@for script in distribution ablations rays path povray; do \
+	    echo "== $$script"; .venv/bin/python experiments/benchmarks/$$script.py; \
+	done
 
 lint: .venv/ready ## check style and format
 	.venv/bin/ruff check

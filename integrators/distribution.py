@@ -45,6 +45,9 @@ class DistributionIntegrator(mi.SamplingIntegrator):
     ``direct_light``            string  how rough surfaces find lights: by ``rays``, by samples of the   auto
                                         ``lights``, by ``both``; ``auto``: ``both`` where it pays, if
                                         ``effects`` is ``auto`` too, else ``both``
+    ``closed_form``             boolean whether of unoccluded light on diffuse surfaces only what is     auto
+                                        missing from it is sampled, where it is known in closed form;
+                                        ``auto``: where it pays, if ``effects`` is ``auto`` too
     =========================== ======= ================================================================ =======
 
     With :math:`f` the BSDF at :math:`x_k` and all effects on it estimates the rendering equation up to ``max_depth``,
@@ -87,6 +90,9 @@ class DistributionIntegrator(mi.SamplingIntegrator):
             raise UsageError(
                 f"direct_light is {self.direct_light!r}; accepted are auto, {', '.join(effects.TECHNIQUES)}"
             )
+        self.closed_form = props.get("closed_form", "auto")
+        if self.closed_form not in ("auto", True, False):
+            raise UsageError(f"closed_form is {self.closed_form!r}; accepted are auto, true and false")
         _check("max_depth", self.max_depth, -1, 2**31 - 1)
         _check("rr_depth", self.rr_depth, 1, 2**31 - 1)
         _check("tree_depth", self.tree_depth, 0, 64)
@@ -102,13 +108,19 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         if pilot is not None and self.effects == self.direct_light == "auto":
             technique, reason = pilot.direct_light(found.effects)
         found = dataclasses.replace(found, direct_light=technique, reason=reason)
+        if pilot is not None and self.effects == self.closed_form == "auto":
+            found = dataclasses.replace(found, **budget.closed_form(pilot, found))
         if pilot is None or "auto" not in self.samples.values():
             return found
         return dataclasses.replace(found, samples=budget.share_out(pilot, found))
 
     def fixed(self, plan):
         """Return an integrator that simulates what a plan of this one says, with nothing left to decide."""
-        decided = {"effects": effects.spell(tuple(plan.effects)), "direct_light": self.technique_of(plan)}
+        decided = {
+            "effects": effects.spell(tuple(plan.effects)),
+            "direct_light": self.technique_of(plan),
+            "closed_form": self.uses_closed_form(plan),
+        }
         return mi.load_dict(self.properties() | decided | self.samples_of(plan))
 
     def samples_of(self, plan):
@@ -124,6 +136,11 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         return getattr(plan, "direct_light", None) or (
             "both" if self.direct_light == "auto" else self.direct_light
         )
+
+    def uses_closed_form(self, plan):
+        """Return whether unoccluded light is taken in closed form where it is known."""
+        decided = getattr(plan, "closed_form", None)
+        return self.closed_form in ("auto", True) if decided is None else decided
 
     def world(self, scene):
         """Return the ``World`` of an ``mi.Scene`` in which rays are traced."""
@@ -167,7 +184,15 @@ class DistributionIntegrator(mi.SamplingIntegrator):
 
     def properties(self):
         """Return the dict that ``mi.load_dict`` makes an equal integrator of."""
-        names = ("max_depth", "rr_depth", "hide_emitters", "tree_depth", "direct_light", "offset")
+        names = (
+            "max_depth",
+            "rr_depth",
+            "hide_emitters",
+            "tree_depth",
+            "direct_light",
+            "closed_form",
+            "offset",
+        )
         values = {name: getattr(self, name) for name in names} | self.samples
         return {"type": "distribution", "effects": effects.spell(self.effects)} | values
 

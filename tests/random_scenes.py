@@ -118,6 +118,8 @@ class Maker:
             own["direct_light"] = self.among(("rays", "lights", "both"))
         if self.chance(0.2):
             own["offset"] = "mitsuba"
+        if self.chance(0.3):
+            own["closed_form"] = self.among((True, False))
         return common | own, common
 
 

@@ -127,6 +127,7 @@ def test_the_effects_of_a_render_are_written_down(run, tmp_path, wanted, expecte
     assert header["effects"] == ",".join(expected)
     assert json.loads(header["plan"]) == facts["plan"]
     assert header["directLight"] == facts["techniques"]["direct_light"] == "both"
+    assert header["closedForm"] == ""
 
 
 # ---- Shipped scenes

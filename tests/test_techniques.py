@@ -4,8 +4,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+import whitted_scenes
 from distribution_scenes import DISTRIBUTION, Difference, assert_same, gallery, panel, reference, renders
-from whitted_scenes import EMITTERS
+from whitted_scenes import EMITTERS, GREY, transform
 
 import whitted
 from whitted import techniques
@@ -96,6 +97,33 @@ def test_the_excess_of_variance_is_that_of_the_pictures():
     assert 0 < samples < 1 <= rays
 
 
+@pytest.mark.parametrize("closed_form", [True, False])
+def test_known_light_has_the_same_mean(closed_form):
+    scene = stage(
+        {"grey": GREY, "plastic": METALS["plastic"], "black": {"type": "diffuse", "reflectance": 0.0}},
+        panel=panel(),
+    )
+    expected = renders(scene, reference(scene, max_depth=3), 256)
+    options = {"closed_form": closed_form, "max_depth": 3}
+    assert_same(renders(scene, DISTRIBUTION | options, 256), expected)
+
+
+def test_where_light_is_known_there_is_no_noise():
+    """A square light over a floor that nothing else covers: at the centres of pixels one sample is as good as many."""
+    light = {"type": "rectangle", "to_world": transform().translate([0, 3, 0]).rotate([1, 0, 0], 90)}
+    scene = whitted_scenes.stage(light=light | {"emitter": AREA})
+    spread = {}
+    for closed_form in (True, False):
+        options = {"effects": "soft_shadows", "max_depth": 2, "closed_form": closed_form}
+        integrator = mi.load_dict({"type": "distribution"} | options)
+        pictures = [mi.render(scene, integrator=integrator, spp=1, seed=seed).numpy() for seed in (1, 2)]
+        spread[closed_form] = np.abs(pictures[0] - pictures[1]).max() / pictures[0].mean()
+    assert spread[True] < 1e-5
+    assert spread[False] > 0.1
+
+
 def test_unknown_ways_are_refused():
     with pytest.raises(RuntimeError, match="direct_light is 'ray'; accepted are auto, both, lights, rays"):
         mi.load_dict({"type": "distribution", "direct_light": "ray"})
+    with pytest.raises(RuntimeError, match="closed_form is 'yes'; accepted are auto, true and false"):
+        mi.load_dict({"type": "distribution", "closed_form": "yes"})

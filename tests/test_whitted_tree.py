@@ -178,6 +178,7 @@ def walked(scene, rays, **properties):
     """Return what the integrator finds: arrays by name, and ray counts by kind."""
     ray, draws, active = rays
     world = World(scene)
+    world.count_rays()
     found = mi.load_dict({"type": "whitted", **properties}).estimate(world, ray, draws, active=active)
     dr.eval(found, world.rays)
     width = max(dr.width(ray), dr.width(active))

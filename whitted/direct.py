@@ -29,7 +29,7 @@ class DirectLight:
         node: ``UInt32`` [N], the vertex's node of the ray tree.
         albedo: ``Spectrum`` [N], the reflectance of the diffuse lobes; used where ``world.is_lambertian`` or where the
             closed form is.
-        closed: ``Bool`` [N], where the closed form pays.
+        closed: ``Bool`` [N], where the closed form pays; None: nowhere.
         combined: which lights rays from here look for as well, so that both may share the estimate: None, or masks
             (``Bool`` [N]) for the plain lights (see ``Lights.is_plain``) and for the others.
         samples: how many of each group, ``int`` or ``UInt32`` [N].
@@ -62,9 +62,11 @@ class DirectLight:
         self.rough, self.technique = rough, technique
         self.n = world.light_side(si)
         self.reflected = albedo * dr.inv_pi
-        if technique == "rays":
-            closed = closed & ~rough
-        self.closed = closed & ~dr.all(self.n == 0) & ~dr.all(albedo == 0)
+        if closed is not None:
+            closed = closed & ~dr.all(self.n == 0) & ~dr.all(albedo == 0)
+            if technique == "rays":
+                closed &= ~rough
+        self.closed = closed
 
     def estimate(self, active):
         """Return the radiance (``Spectrum`` [N]); 0 where not ``active`` (``Bool`` [N])."""
@@ -78,7 +80,7 @@ class DirectLight:
             if self.rough is not None and self.technique != "rays":
                 response = self.world.response(self.si, self.rough)
             self.shares = self.lights.shares(self.si.p, self.n, response)
-            if self.lights.is_closed:
+            if self.closed is not None:
                 L = when(self.closed, lambda L: L + self._unoccluded(active & self.closed), L)
             for number, group in enumerate(self.lights.groups):
                 L += self._group(number, group, active)
@@ -130,7 +132,7 @@ class DirectLight:
         lit = active & ~dr.all(L == 0)  # NaN, for which no comparison holds, is lit and counted
         passed = self.world.transmittance(self.si, sample.target, sample.shape, lit, inside=group.as_points)
         L = dr.select(lit, L * passed, 0)
-        if group.is_closed:
+        if group.is_closed and self.closed is not None:
             expected = self.reflected * dr.maximum(dr.dot(sample.d, self.n), 0) * sample.weight
             L -= dr.select(active & self.closed & ~dark, expected, 0)
         return L

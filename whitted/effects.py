@@ -33,6 +33,8 @@ TECHNIQUES = {
     "lights": "sampling the lights",
     "rays": "rays alone",
 }
+# What becomes of light that nothing covers, where it is known
+CLOSED_FORM = {True: "taken in closed form", False: "sampled"}
 LISTED = 3  # names given as evidence
 
 
@@ -78,6 +80,8 @@ class Plan:
         None  # how rough surfaces find the lights, one of `TECHNIQUES`, where there is a choice
     )
     reason: str = ""  # for that, where a pilot measured it
+    closed_form: bool | None = None  # of unoccluded light on diffuse surfaces, where there is a choice
+    closed_reason: str = ""  # likewise
 
     @property
     def effects(self):
@@ -86,8 +90,9 @@ class Plan:
 
     @property
     def techniques(self):
-        """How it is simulated, a dict: ``samples``, ``direct_light`` and the ``reason`` for that."""
-        return {"samples": self.samples, "direct_light": self.direct_light, "reason": self.reason}
+        """How it is simulated, a dict: ``samples``; ``direct_light`` and ``closed_form``, each with its reason."""
+        names = ("samples", "direct_light", "reason", "closed_form", "closed_reason")
+        return {name: getattr(self, name) for name in names}
 
     def without(self, effects, reason):
         """Return the plan without some effects."""
@@ -139,6 +144,8 @@ class Plan:
             lines.append(f"samples at the first hit: {shared}")
         if self.reason:
             lines.append(f"rough surfaces find lights by {TECHNIQUES[self.direct_light]}: {self.reason}")
+        if self.closed_reason:
+            lines.append(f"unoccluded light is {CLOSED_FORM[self.closed_form]}: {self.closed_reason}")
         return "\n".join([head, *lines])
 
     def _repr_html_(self):

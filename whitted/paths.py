@@ -65,6 +65,8 @@ class Paths:
         self.seeks = is_rough and self.lights.is_hittable and not any(self.mirrored.values())
         self.technique = integrator.technique_of(plan) if self.seeks else "both"
         self.seeks_alone = self.technique == "rays"
+        is_known = self.lights.is_closed and self.world.has_diffuse
+        self.closes = is_known and integrator.uses_closed_form(plan)
         self.combines_diffuse = self.interreflects and self.lights.is_hittable and not self.lights.is_plain
         self.meets = self.lights.only_met and bool(flags & lobe.Smooth)
         self.combines = (self.seeks and not self.seeks_alone) or self.combines_diffuse or self.meets
@@ -157,7 +159,7 @@ class Paths:
             si,
             node.id,
             vertex.albedo,
-            closed=vertex.is_seen,
+            closed=vertex.is_seen if self.closes else None,
             combined=vertex.combined,
             samples=self._light_samples(vertex.is_first),
             rays=vertex.splits,
@@ -217,7 +219,7 @@ class Paths:
             plain = rough & self.seeks
             combined = plain, plain | (onwards & self.combines_diffuse) | self.meets
         albedo = mi.Spectrum(0)
-        if self.lights.is_closed or self.world.is_lambertian:
+        if self.closes or self.world.is_lambertian:
             albedo = self.world.diffuse_reflectance(si, within)
         return _Vertex(
             si,

@@ -189,6 +189,7 @@ class Render:
             "effects": ",".join(self.effects),
             "plan": as_json(self.plan) if self.plan else "",
             "directLight": (self.plan.direct_light or "") if self.plan else "",
+            "closedForm": {None: "", True: "true", False: "false"}[self.plan and self.plan.closed_form],
             "sceneHash": self.scene_hash,
             "partial": int(self.partial),
             "errorKind": self.error["kind"],

@@ -25,7 +25,8 @@ class World:
     ``rays`` counts the rays of each kind of ``KINDS`` per lane, if asked to; a symbolic loop carries it as part of its
     state.
 
-    ``flags`` are those of all BSDFs together; ``branching`` is the largest number of delta lobes at one point.
+    ``flags`` are those of all BSDFs together; ``branching`` is the largest number of delta lobes at one point;
+    ``has_diffuse`` tells whether any surface scatters diffusely and isn't black.
 
     Args:
         scene: ``mi.Scene``.
@@ -58,7 +59,11 @@ class World:
             lobes.count(bsdf) and int(bsdf.flags()) & mi.BSDFFlags.Smooth for bsdf in bsdfs
         )
         self.is_lambertian = all(map(lobes.is_lambertian, bsdfs))
-        self._has_black = any(map(lobes.is_black, bsdfs))
+        black = [bsdf for bsdf in bsdfs if lobes.is_black(bsdf)]
+        self._has_black = bool(black)
+        self.has_diffuse = any(
+            int(bsdf.flags()) & mi.BSDFFlags.Diffuse for bsdf in bsdfs if bsdf not in black
+        )
         self._glow = _glow(scene, self.emitters)
         shapes = {shape.emitter().ptr: shape for shape in scene.shapes() if shape.emitter() is not None}
         self._light_shapes = [registry_number(shapes[e.ptr]) if e.ptr in shapes else 0 for e in self.emitters]
