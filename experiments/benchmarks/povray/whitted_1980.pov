@@ -3,13 +3,16 @@
 // The same: camera, geometry, indices of refraction, point light with its falloff, checker, sky colour, black shadows
 // under the glass, depth of the ray tree, cutoff.
 // Another: the sky lights the floor by the constant `ambient`, as if nothing hid any of it, at no cost in rays; our
-// scene spends a shadow ray on it. Rays go through the centres of pixels; ours are spread over them.
+// scene spends a shadow ray on it. The highlights are Blinn's, ours are Beckmann's, of the same width and height. Rays go
+// through the centres of pixels; ours are spread over them.
 
 #version 3.7;
 
 #declare SKY = rgb <0.07, 0.13, 0.40>;
 #declare LIGHT = <-300, 900, 800>;
 #declare INTENSITY = 5400000;
+#declare ALPHA = 0.035;
+#declare HIGHLIGHT = 0.006 / (4 * ALPHA * ALPHA * 0.91); // as high as ours, at the angle in which they are seen
 
 global_settings {
     assumed_gamma 1.0
@@ -46,7 +49,7 @@ light_source {
 #declare INSIDE = sphere { <-0.35, 2.35, 2.2>, 1.06 }
 #declare CLEAR = texture {
     pigment { color rgbt <1, 1, 1, 1> }
-    finish { reflection { 0, 1 fresnel on } conserve_energy }
+    finish { reflection { 0, 1 fresnel on } conserve_energy specular HIGHLIGHT roughness ALPHA * ALPHA / 2 }
 }
 
 // Declare=CSG=0 traces a quarter faster, but POV-Ray takes the Fresnel terms of the inner sphere from its n = 1 alone,
@@ -89,7 +92,7 @@ object {
 sphere {
     <1.35, 1.45, -0.6>, 1.25
     pigment { color rgb 0 }
-    finish { reflection { rgb 0.85 } }
+    finish { reflection { rgb 0.85 } specular 0.85 * HIGHLIGHT roughness ALPHA * ALPHA / 2 }
 }
 
 // Squares of side 1; moved down by a hair, so that the plane lies within one layer of POV-Ray's checkered cubes
