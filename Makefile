@@ -27,8 +27,8 @@ test-long: .venv-test/ready ## run the tests that take minutes, such as the rate
 	PYTHONSAFEPATH=1 WHITTED_TEST_WHEEL=1 .venv-test/bin/python -m pytest -m long $(PYTEST_FLAGS)
 
 benchmarks: .venv/ready ## measure all tables of docs/accuracy.md and README.md: two hours of a quiet machine
-	@for script in distribution ablations rays path povray; do \
-	    echo "== $$script"; .venv/bin/python experiments/benchmarks/$$script.py; \
+	@for script in benchmarks/{distribution,ablations,rays,path,povray} replicate_cost; do \
+	    echo "== $$script"; .venv/bin/python experiments/$$script.py; \
 	done
 
 lint: .venv/ready ## check style and format

@@ -89,10 +89,7 @@ def closed_form(effects=("soft_shadows",), **noise):
     ("noise", "expected"),
     [
         ({"light": 1, "known": 1.0}, True),
-        (
-            {"light": 1, "known": 0.08},
-            True,
-        ),  # for one light it costs a 18th of eye ray, shadow ray and a ray onwards
+        ({"light": 1, "known": 0.08}, True),  # it costs an 18th of the rays of a sample
         ({"light": 1, "known": 0.03}, False),
         ({"light": 1, "known": 0.08, "groups": 2}, False),
         ({"eye": 49, "light": 1, "known": 1.0}, False),

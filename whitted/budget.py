@@ -33,7 +33,7 @@ def closed_form(pilot, plan):
     lights = pilot.world.lights("soft_shadows" not in plan)
     if not (lights.is_closed and pilot.world.has_diffuse):
         return {}
-    plans = (dataclasses.replace(plan, closed_form=choice, samples={}) for choice in (True, False))
+    plans = (dataclasses.replace(plan, closed_form=choice) for choice in (True, False))
     known, sampled = (_noise(pilot, plan, {}, USUAL) for plan in plans)
     slower = CLOSED_COST * lights.bounded.count / sampled.cost
     less = 1 - known.variance / sampled.variance if sampled.variance else 0.0
