@@ -19,8 +19,8 @@ PROOFS = (  # at max_depth=2 both trace direct light alone; the other scenes say
         *("check", "cornell_box", "-D", "width=256", "-D", "height=256"),
         *("--integrator", "whitted:max_depth=2", "--reference", "path:max_depth=2"),
     ),
-    ("check", "match_diffuse"),
-    ("check", "match_specular"),
+    ("check", "match_diffuse", "-D", "width=128", "-D", "height=128"),
+    ("check", "match_specular", "-D", "width=128", "-D", "height=128"),
 )
 
 

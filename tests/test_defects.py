@@ -2,7 +2,7 @@
 
 import mitsuba as mi
 import pytest
-from whitted_scenes import ball, camera, panel, stage, transform
+from whitted_scenes import GREY, ball, camera, panel, stage, transform
 
 import whitted
 from whitted.defects import known_defects
@@ -57,3 +57,30 @@ def test_check_blames_neither_side(words):
     agreement = whitted.check(scene, {"type": "distribution", "max_depth": 2}, PATH, spp=64)
     assert agreement.verdict == "not comparable"
     assert words in agreement.reason
+
+
+def small_ball(size):
+    """A ball on a floor in the sun, of ten times the ``size``."""
+    sensor = camera(size=16) | {"near_clip": size}
+    sensor["to_world"] = transform().look_at([0, 40 * size, 40 * size], [0, 0, 0], [0, 1, 0])
+    things = {"type": "sphere", "center": [0, 6 * size, 0], "radius": 5 * size, "bsdf": GREY}
+    return stage(
+        sensor, ball=things, sun={"type": "directional", "direction": [0.2, -1, -0.3], "irradiance": 3.0}
+    )
+
+
+def test_check_knows_an_offset_by_which_rays_step_over_things():
+    tested = {"type": "distribution", "max_depth": 2}
+    moved, wrong = (whitted.check(small_ball(1e-4), tested, PATH, spp=64, tolerance=t) for t in (0.01, 1e-4))
+    assert moved.verdict == "agree"
+    assert "with our own offset: rejected" in moved.notes[-1]
+    assert min(moved.assessment.p_value.values()) > moved.assessment.threshold
+    assert wrong.verdict == "not comparable"
+    assert "with this offset for both no test rejects" in wrong.reason
+    larger = whitted.check(small_ball(1e-2), tested, PATH, spp=64)
+    assert (larger.verdict, larger.notes) == ("agree", ())
+
+
+def test_the_offset_excuses_nothing_else():
+    tested = {"type": "distribution", "max_depth": 2}
+    assert whitted.check(small_ball(1e-4), tested, PATH | {"max_depth": 1}, spp=64).verdict == "differ"

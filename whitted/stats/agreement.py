@@ -248,7 +248,7 @@ class _Cells:
 
     def bias(self, grid, level):
         """Return the furthest-reaching of the cells' simultaneous intervals of confidence 1 - ``level``."""
-        half = np.where(self.noisy, student_deviate(self._quantile(level), self.dof) * self.error, 0)
+        half = student_deviate(self._quantile(level), self.dof) * self.error
         scale = self._scale()
         reach = (abs(self.difference) + half) / scale
         y, x, channel = (int(i) for i in np.unravel_index(reach.argmax(), reach.shape))
