@@ -33,7 +33,14 @@ def blend():
     return ball({"type": "blendbsdf", "weight": 0.5, "a": {"type": "conductor"}, "b": {"type": "diffuse"}})
 
 
+def screen():
+    to_world = transform().translate([0, 1.5, 0]).rotate([1, 0, 0], -90)
+    half = {"type": "mask", "opacity": 0.5, "bsdf": {"type": "diffuse"}}
+    return {"type": "rectangle", "to_world": to_world, "bsdf": half}
+
+
 SCENES = {
+    "take volpath": lambda: {"light": panel(3.0), "screen": screen()},
     "look small": lambda: {"light": tiny()},
     "wrong weights": lambda: {"ball": blend(), "light": panel(3.0)},
     "0.09 %": lambda: {"light": panel(3.0), "shade": beside()},
@@ -47,11 +54,15 @@ def test_each_is_found(words):
     assert not known_defects(scene, mi.load_dict({"type": "distribution"}))
 
 
+def test_volpath_lets_light_through():
+    assert not found(stage(light=panel(3.0), screen=screen()), {"type": "volpath"})
+
+
 def test_a_plain_scene_has_none():
     assert not found(stage(ball=ball(), light=panel(3.0)))
 
 
-@pytest.mark.parametrize("words", ["look small", "0.09 %"])
+@pytest.mark.parametrize("words", ["take volpath", "look small", "0.09 %"])
 def test_check_blames_neither_side(words):
     scene = stage(camera(size=16), **SCENES[words]())
     agreement = whitted.check(scene, {"type": "distribution", "max_depth": 2}, PATH, spp=64)

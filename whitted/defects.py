@@ -16,8 +16,14 @@ def known_defects(scene, integrator):
     from whitted.world import World
 
     world = World(scene)
-    found = (_small_sphere(world), _blend(world), _crowded(world))
+    found = (_transparent(world, integrator), _small_sphere(world), _blend(world), _crowded(world))
     return tuple(sentence for sentence in found if sentence)
+
+
+def _transparent(world, integrator):
+    if world.is_transparent and "Volumetric" not in str(integrator):
+        return "shadow rays stop at null, mask and thin surfaces; take volpath as the reference"
+    return None
 
 
 def _small_sphere(world):
