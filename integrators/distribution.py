@@ -33,8 +33,8 @@ class DistributionIntegrator(mi.SamplingIntegrator):
     ``hide_emitters``           boolean eye rays pass through area emitters and don't see the            false
                                         environment
     ``effects``                 string  ``auto``: what the scene calls for; ``all``; or a list of names  auto
-    ``tree_depth``              integer up to this depth all branches of specular surfaces are followed, 1
-                                        below one is chosen at random
+    ``tree_depth``              integer up to this depth all branches of specular surfaces are followed, 0
+                                        below one is chosen at random; 0: from the start
     ``light_samples``           integer shadow rays to each group of lights from the first hit, 1 to 64, 1
                                         or ``auto``: the number with the least noise at equal cost
     ``gloss_samples``           integer rays into rough lobes at the first hit, 1 to 64, or ``auto``     1
@@ -57,7 +57,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
 
     averaged over pixel, lens and shutter. Emitters are sampled at each vertex: all infinite ones, and one of the
     bounded ones, chosen by its unshadowed contribution; rough lobes look for them too. Specular chains from the eye
-    are a tree before they are paths.
+    may be a tree before they are paths.
 
     * Estimates: E (S | D)* L in Heckbert's notation, what ``path`` does. Light passes straight through null, mask and
       thin surfaces, as in ``volpath``, and such passages don't count for ``max_depth``.
@@ -83,7 +83,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         self.offset = props.get("offset", "bound")
         check_rule(self.offset)
         self.effects = effects.parse(props.get("effects", "auto"))
-        self.tree_depth = props.get("tree_depth", 1)
+        self.tree_depth = props.get("tree_depth", 0)
         self.samples = {name: props.get(name, 1) for name in SAMPLES}
         self.direct_light = props.get("direct_light", "auto")
         if self.direct_light not in ("auto", *effects.TECHNIQUES):

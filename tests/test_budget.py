@@ -31,7 +31,7 @@ class MadeUp:
             lights=lambda as_points: SimpleNamespace(
                 groups=[group] * groups, is_closed=not as_points, bounded=SimpleNamespace(count=groups)
             ),
-            has_diffuse=has_diffuse,
+            knows_unoccluded=lambda lights: lights.is_closed and has_diffuse,
             rays={},
         )
 

@@ -31,7 +31,7 @@ def closed_form(pilot, plan):
         The plan's ``closed_form`` and ``closed_reason``, a dict; empty where there is no choice.
     """
     lights = pilot.world.lights("soft_shadows" not in plan)
-    if not (lights.is_closed and pilot.world.has_diffuse):
+    if not pilot.world.knows_unoccluded(lights):
         return {}
     plans = (dataclasses.replace(plan, closed_form=choice) for choice in (True, False))
     known, sampled = (_noise(pilot, plan, {}, USUAL) for plan in plans)

@@ -20,6 +20,7 @@ _CONSTRUCTOR = re.compile(r'failed to instantiate (\w+) plugin of type "(.*?)": 
 _TRACEBACK = re.compile(
     r"Traceback \(most recent call last\):\n(?:[ \t][^\n]*\n)*([\w.]+)(?:: (.*))?", re.DOTALL
 )
+_SPEAKER = re.compile(r"^\[([\w.:]+)\] ")
 
 # Read by Mitsuba's base classes, and so in no plugin's own file.
 INHERITED = {
@@ -68,6 +69,13 @@ def explain(error, texts=None, parameters=()):
         message = f"{kind}{match[2]!r}: {_cause(match[3])}"
     message = " ".join(re.sub(r'^Error while loading XML file "(.*?)": ', r"\1: ", message).split())
     return UsageError(f"{where}:{line}: {message}" if where else message)
+
+
+def complaint(error):
+    """Return the line of what an object of Mitsuba complains of in the middle of a render; None for other errors."""
+    line = " ".join(str(error).split())
+    match = _SPEAKER.match(line) if isinstance(error, RuntimeError) else None
+    return f"{match[1]}: {line[match.end() :]}" if match else None
 
 
 def plugin_names(kind=""):
@@ -131,7 +139,7 @@ def _cause(message):
     """Return the last line of a Python traceback without its type, or a C++ message without its class."""
     if match := _TRACEBACK.search(message):
         return match[2] or match[1]
-    return re.sub(r"^\[[\w.:]+\] ", "", message)
+    return _SPEAKER.sub("", message)
 
 
 def _line_of_name(text, line, name):

@@ -1,8 +1,8 @@
 """Paths from the eye through everything that scatters: the loop of distribution ray tracing.
 
-Specular chains from the eye are a tree, whose branches wait on a stack; what comes after the first other surface is a
-path, split at the first hit where more samples of a kind are wanted. Source: [Kajiya1986] for paths, [ArvoKirk1990] for
-roulette and splitting, [Veach1997] for combining what rays and lights find.
+Specular chains from the eye may be a tree, whose branches wait on a stack; all else is a path, split at the first hit
+where more samples of a kind are wanted. Source: [Kajiya1986] for paths, [ArvoKirk1990] for roulette and splitting,
+[Veach1997] for combining what rays and lights find.
 """
 
 from typing import NamedTuple
@@ -65,8 +65,7 @@ class Paths:
         self.seeks = is_rough and self.lights.is_hittable and not any(self.mirrored.values())
         self.technique = integrator.technique_of(plan) if self.seeks else "both"
         self.seeks_alone = self.technique == "rays"
-        is_known = self.lights.is_closed and self.world.has_diffuse
-        self.closes = is_known and integrator.uses_closed_form(plan)
+        self.closes = self.world.knows_unoccluded(self.lights) and integrator.uses_closed_form(plan)
         self.combines_diffuse = self.interreflects and self.lights.is_hittable and not self.lights.is_plain
         self.meets = self.lights.only_met and bool(flags & lobe.Smooth)
         self.combines = (self.seeks and not self.seeks_alone) or self.combines_diffuse or self.meets
@@ -84,9 +83,10 @@ class Paths:
             self.gloss_samples if is_rough else 1, self.diffuse_samples if self.interreflects else 1
         )
         self.goes_on = self.has_specular or self.has_smooth  # beyond the first surface
-        self.has_stack = self.has_specular or (self.has_smooth and self.splits > 1)
+        self.has_tree = self.has_specular and integrator.tree_depth > 0
+        self.has_stack = self.has_tree or (self.has_smooth and self.splits > 1)
         self.Node = transport.node_type(mi.variant(), self.combines, self.lights.shares_type, self.splits > 1)
-        levels = integrator.tree_depth * self.world.branching if self.has_specular else 0
+        levels = integrator.tree_depth * self.world.branching if self.has_tree else 0
         self.stack_size = max(8, 1 << (levels + self.splits).bit_length())
 
     def trace(self, active):
@@ -111,22 +111,24 @@ class Paths:
         self.world.count("eye", active)
         sums = {"radiance": mi.Spectrum(0), "escaped": mi.Float(0)}
         if not self.goes_on:
-            self._visit(active, root, sums, None)
+            self._visit(active, root, sums, transport.NoStack())
         else:
             sums = self._loop(active, root, sums, width)
         return {"radiance": sums["radiance"], "alpha": dr.select(active, 1 - sums["escaped"], 0)}
 
     def _loop(self, active, root, sums, width):
         world = self.world
-        stack = transport.Stack.empty(self.Node, self.stack_size, width) if self.has_stack else None
+        stack = transport.NoStack()
+        if self.has_stack:
+            stack = transport.Stack.empty(self.Node, self.stack_size, width)
 
         def step(active, node, sums, rays, sampler, *arrays):
             world.rays, sums = dict(rays), dict(sums)
-            walk = stack.with_state(*arrays) if stack else None
+            walk = stack.with_state(*arrays)
             active, node = self._visit(active, node, sums, walk)
-            return active, node, sums, world.rays, sampler, *(walk.state if walk else ())
+            return active, node, sums, world.rays, sampler, *walk.state
 
-        state = (active, root, sums, world.rays, self.draws.state, *(stack.state if stack else ()))
+        state = (active, root, sums, world.rays, self.draws.state, *stack.state)
         _, _, sums, world.rays, *_ = dr.while_loop(state, lambda active, *_: active, step, label="paths")
         return sums
 
@@ -179,8 +181,6 @@ class Paths:
 
         # ---- Stop, or go back to the last ray left behind
         next_node, has_next = self._roulette(next_node, has_next)
-        if stack is None:
-            return has_next, dr.select(has_next, next_node, node)
         node, from_stack = stack.pop(dr.select(has_next, next_node, node), active & ~has_next)
         return has_next | from_stack, node
 
@@ -267,9 +267,10 @@ class Paths:
             return j + 1, self.world.rays, sampler, *pushed.state
 
         state = (mi.UInt32(1), self.world.rays, self.draws.state, *stack.state)
-        _, self.world.rays, _, stack.entries, stack.pointer = dr.while_loop(
+        _, self.world.rays, _, *arrays = dr.while_loop(
             state, lambda j, *_: going & (j < vertex.splits), step, label="splits"
         )
+        stack.update(*arrays)
         return node, has_next
 
     def _lobe(self, vertex, light, j):
@@ -352,15 +353,18 @@ class Paths:
             next_node, has_next = self._split(vertex, specular, next_node, has_next, pushed)
             return next_node, has_next, self.world.rays, sampler, *pushed.state
 
-        next_node, has_next, self.world.rays, _, stack.entries, stack.pointer = when(
+        next_node, has_next, self.world.rays, _, *arrays = when(
             specular, split, smooth, has_smooth, self.world.rays, self.draws.state, *stack.state
         )
+        stack.update(*arrays)
         return next_node, has_next
 
     def _split(self, vertex, active, smooth, has_smooth, stack):
         """The branches of the lanes that are at a specular surface; see ``branch``."""
         si, node, world = vertex.si, vertex.node, self.world
-        in_tree = ((node.tag & CHAIN) != 0) & (node.tag // VISIT < self.tree_depth)
+        in_tree = mi.Bool(False)
+        if self.has_tree:
+            in_tree = ((node.tag & CHAIN) != 0) & (node.tag // VISIT < self.tree_depth)
         u = vertex.draws("branch", node.id, 1)
         lobes = []
         for slot, (wo, weight, eta, kind) in enumerate(world.delta_lobes(si, active), 1):

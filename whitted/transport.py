@@ -156,6 +156,10 @@ class Stack:
         """Return a stack of this size with other arrays."""
         return Stack(self.size, entries, pointer)
 
+    def update(self, entries, pointer):
+        """Take other arrays."""
+        self.entries, self.pointer = entries, pointer
+
     def push(self, node, active):
         """Put ``node`` on top in the active lanes."""
         active = active & (self.pointer < self.size)
@@ -180,6 +184,27 @@ class Stack:
 
         self.entries, self.pointer, node = when(active, top, self.entries, self.pointer, node)
         return node, active
+
+
+class NoStack:
+    """In place of a `Stack` where a ray never leaves more than one behind."""
+
+    state = ()
+
+    def with_state(self):
+        """Return itself."""
+        return self
+
+    def update(self):
+        """Do nothing."""
+
+    def push_all_but_first(self, child, active, next_node, has_next):
+        """Make ``child`` the next node in the active lanes, of which none has one."""
+        return dr.select(active, child, next_node), has_next | active
+
+    def pop(self, node, active):
+        """Return ``node``, and that no lane has found another."""
+        return node, mi.Bool(False)
 
 
 def capacity(branching, max_depth):

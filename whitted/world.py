@@ -25,8 +25,7 @@ class World:
     ``rays`` counts the rays of each kind of ``KINDS`` per lane, if asked to; a symbolic loop carries it as part of its
     state.
 
-    ``flags`` are those of all BSDFs together; ``branching`` is the largest number of delta lobes at one point;
-    ``has_diffuse`` tells whether any surface scatters diffusely and isn't black.
+    ``flags`` are those of all BSDFs together; ``branching`` is the largest number of delta lobes at one point.
 
     Args:
         scene: ``mi.Scene``.
@@ -61,7 +60,7 @@ class World:
         self.is_lambertian = all(map(lobes.is_lambertian, bsdfs))
         black = [bsdf for bsdf in bsdfs if lobes.is_black(bsdf)]
         self._has_black = bool(black)
-        self.has_diffuse = any(
+        self._has_diffuse = any(
             int(bsdf.flags()) & mi.BSDFFlags.Diffuse for bsdf in bsdfs if bsdf not in black
         )
         self._glow = _glow(scene, self.emitters)
@@ -82,6 +81,10 @@ class World:
         if as_points not in self._lights:
             self._lights[as_points] = Lights(self.scene, as_points)
         return self._lights[as_points]
+
+    def knows_unoccluded(self, lights):
+        """Return whether light of ``lights`` that nothing keeps off is known in closed form, on some surface at all."""
+        return lights.is_closed and self._has_diffuse
 
     def count(self, kind, active):
         """Add the active lanes to the count of a kind of ray."""

@@ -33,6 +33,7 @@ from whitted.world import World
 SIDE = 256
 SPP = (16, 64, 256)
 TURNS = 8
+ONE_BRANCH = "one specular branch, not all to depth 1"
 AUTO = {"light_samples": "auto", "gloss_samples": "auto", "interreflection_samples": "auto"}
 
 
@@ -108,8 +109,10 @@ ABLATIONS = (
         "translucency",
         patches=((film, "joint_dimensions", first_surface),),
     ),
-    Ablation("specular branches as a tree to depth 1", "glass", without={"tree_depth": 0}),
-    Ablation("specular branches as a tree to depth 1", "mirrors", without={"tree_depth": 0}),
+    Ablation(ONE_BRANCH, "whitted_1980", without={"tree_depth": 1}),
+    Ablation(ONE_BRANCH, "mixed_glass", without={"tree_depth": 1}),
+    Ablation(ONE_BRANCH, "glass", without={"tree_depth": 1}),
+    Ablation(ONE_BRANCH, "match_specular", without={"tree_depth": 1}),
     Ablation("numbers of samples tried out", "soft_shadows", AUTO, without=dict.fromkeys(AUTO, 1)),
     Ablation("numbers of samples tried out", "translucency", AUTO, without=dict.fromkeys(AUTO, 1)),
     Ablation("numbers of samples tried out", "interreflection", AUTO, without=dict.fromkeys(AUTO, 1)),

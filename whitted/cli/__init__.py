@@ -12,6 +12,7 @@ import sys
 import click
 
 from whitted.errors import BackendError, UsageError, nearest
+from whitted.messages import complaint
 
 SUBCOMMANDS = {
     "render": "Render the picture, with its standard error.",
@@ -22,8 +23,6 @@ SUBCOMMANDS = {
     "scenes": "List the shipped scenes; print one's XML.",
     "doctor": "Examine LLVM, variants, versions and cache, and test them.",
 }
-
-_SAID_BY = re.compile(r"\[(\w+)\] (.+)")  # how objects of Mitsuba complain
 
 
 class Subcommands(click.Group):
@@ -101,8 +100,8 @@ def _explain(error):
         return f"error: {_one_line(error)}", 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"error: {os.fspath(error.filename)!s}: {error.strerror}", 2
-    if isinstance(error, RuntimeError) and (match := _SAID_BY.fullmatch(_one_line(error))):
-        return f"error: {match[1]}: {match[2]}", 2
+    if line := complaint(error):
+        return f"error: {line}", 2
     return f"internal error: {type(error).__name__}: {_one_line(error)} (-v shows where)", 70
 
 
