@@ -63,7 +63,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
       thin surfaces, as in ``volpath``, and such passages don't count for ``max_depth``.
     * Does not estimate: participating media, polarisation.
     * Bias: none with all effects on. What leaving an effect out does is told in ``docs/effects.md``; ``auto`` leaves
-      out what changes the picture by less than a thousandth of its mean, with 95 % confidence.
+      out what changes the picture by less than 1e-4 of its mean, with 95 % confidence.
     * Nested in other integrators the eye rays are theirs, and so are their pixel, lens and time.
     * Gradients are not available.
 

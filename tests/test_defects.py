@@ -87,7 +87,7 @@ def test_check_knows_an_offset_by_which_rays_step_over_things():
     assert "with our own offset: rejected" in moved.notes[-1]
     assert min(moved.assessment.p_value.values()) > moved.assessment.threshold
     assert wrong.verdict == "not comparable"
-    assert "with this offset for both no test rejects" in wrong.reason
+    assert "by where rays leave surfaces alone" in wrong.reason
     larger = whitted.check(small_ball(1e-2), tested, PATH, spp=64)
     assert (larger.verdict, larger.notes) == ("agree", ())
 

@@ -227,7 +227,12 @@ COUNTS = [  # BSDF of the floor, light, properties, rays for each eye ray but th
     (MIRROR, SKY, {"max_depth": -1}, {"reflection": 1}),
     (MIRROR, SKY, {"max_depth": 1}, {}),
     (HALF, POINT, {"max_depth": 2}, {"shadow": 1, "transmission": 1}),
-    ({"type": "thindielectric"}, SKY, {"max_depth": 2, "tree_depth": 1}, {"reflection": 1, "transmission": 1}),
+    (
+        {"type": "thindielectric"},
+        SKY,
+        {"max_depth": 2, "tree_depth": 1},
+        {"reflection": 1, "transmission": 1},
+    ),
 ]
 
 

@@ -26,7 +26,7 @@ NAMES = (
 )
 DIMENSIONS = {"antialiasing": 2, "soft_shadows": 2, "gloss": 2, "translucency": 2, "interreflection": 2}
 DIMENSIONS |= {"depth_of_field": 2, "motion_blur": 1, "reflection": 0, "refraction": 0}
-NEGLIGIBLE = 1e-3  # of the picture's mean: what an effect may change at most to be left out
+NEGLIGIBLE = 1e-4  # of the picture's mean: what an effect may change at most to be left out
 # How rough surfaces find the lights that their rays can meet
 TECHNIQUES = {
     "both": "rays and by sampling the lights",

@@ -15,7 +15,7 @@ from whitted.sampling.draws import joint_dimensions
 from whitted.sampling.groups import Segments
 from whitted.sampling.sequences import hash4
 
-SAMPLES = 1 << 18
+SAMPLES, BOUND_SAMPLES = 1 << 18, 1 << 20  # for looks, and for the bound of what an effect changes
 BOUNCES = 6
 ERRORS, UNSEEN = 1.645, 3.0  # 95 %: standard errors, and how many rare events of a kind may not have come up
 # Sizes from which on there is no need to look further
@@ -67,6 +67,7 @@ class Pilot:
             return "both", ""
         with dr.suspend_grad(), cropped(self.sensor):
             ray, weight, _, _, active = self._eye_rays(effects)
+            self.world.count_rays(False)  # else counts of other widths might be added to
             more, samples, rays = techniques.excess(self.world, ray, active, seed=1)
             more = luminance(more * dr.square(weight), ray.wavelengths).numpy().astype(np.float64)
             change = np.square(self._luminance(effects) - self._luminance(effects, seed=1))
@@ -93,23 +94,24 @@ class Pilot:
     def _difference(self, effect, called):
         """The upper bound of the mean change in radiance if an effect is left out, absolute and relative."""
         joint = joint_dimensions(called)  # the same numbers, whatever is left out
-        on, off = (self._luminance(plan, joint=joint) for plan in (called, called - {effect}))
+        grid = _Scattered(*self.size, BOUND_SAMPLES)
+        on, off = (self._luminance(plan, grid=grid, joint=joint) for plan in (called, called - {effect}))
         finite = np.isfinite(on) & np.isfinite(off)
         change, mean = np.abs(on - off)[finite], on[finite].mean()
         seen = change.mean() + ERRORS * change.std() / np.sqrt(change.size)
-        changing = finite if effect in ON_EYE_RAYS else finite & ~self._sees_light()
+        changing = finite if effect in ON_EYE_RAYS else finite & ~self._sees_light(grid)
         radiance = seen + UNSEEN / change.size * np.abs(on[changing]).max(initial=0)
         relative = radiance / mean if mean > 0 else (0.0 if radiance == 0 else np.inf)
         return {"radiance": float(radiance), "relative": float(relative)}
 
-    def _sees_light(self):
+    def _sees_light(self, grid):
         """Which samples' eye rays meet a light, and so don't change with what follows: a bool array."""
-        ray, *_, active = self._eye_rays(frozenset({"antialiasing", *ON_EYE_RAYS}))
+        ray, *_, active = self._eye_rays(frozenset({"antialiasing", *ON_EYE_RAYS}), grid=grid)
         si = self.world.scene.ray_intersect(ray, active)
         return (si.emitter(self.world.scene, active) != None).numpy()  # noqa: E711
 
     def _luminance(self, plan, seed=0, grid=None, joint=None):
-        """The luminance of the pilot's samples: a float64 array [lanes of the grid]."""
+        """The luminance of the pilot's samples, a float64 array [lanes of the grid]; ``world.rays`` are theirs."""
         ray, weight, draws, _, active = self._eye_rays(plan, seed, grid)
         if joint is not None:
             draws.joint = joint
