@@ -31,7 +31,7 @@ CONFIRM_SEED = 50021  # apart from the seeds of all sides
 REPLICATES = 32  # of each side; 16 for pictures beyond LARGE values
 LARGE = 1 << 19
 MOST = 1 << 28  # values of all replicates together, 1 GiB
-SECONDS = 120.0  # at most for rendering, where neither spp nor time is given
+SECONDS = 300.0  # at most for rendering, where neither spp nor time is given
 TILE_TOLERANCE = 5  # times the tolerance of the image
 PILOTS, PILOT_SPP = 8, 16
 NORMAL_SPP, MOST_SPP = 64, 1 << 16  # of the pilot's choice; with fewer, replicates are far from normal
@@ -151,7 +151,7 @@ def check(
             where light passes straight through surfaces of the scene.
         spp: samples per pixel of each replicate, > 0; rounded up to a full grid of the sampler.
         time: seconds of rendering after compilation, > 0; where spp is given it is not used. With neither, as
-            many samples as the tolerance needs according to a pilot, in at most 120 s.
+            many samples as the tolerance needs according to a pilot, in at most 300 s.
         seed: >= 0; equal seeds give equal results.
         tolerance: relative bias that the image may have, in (0, 1); a 16x16 tile may have five times that.
         replicates: of each side, >= 8; by default 32, and 16 for large pictures.
@@ -324,10 +324,13 @@ def _with_shared_offset(sides, images, render, judge):
 def _by_offset(found, shared, tolerance, tile_tolerance):
     """Return verdict, reason, `Assessment` and notes on a difference that is gone where both have one offset."""
     small = found.image.inside(tolerance) and found.tile.inside(tile_tolerance) and not any(found.nonfinite)
-    if not (small and shared.verdict == "agree"):
+    if shared.verdict == "agree" and not small:
         return "not comparable", BY_OFFSET, found, ()
-    reason = "no test rejects with Mitsuba's offset of rays for both, and with ours the bias lies within the tolerance"
-    return "agree", reason, replace(found, p_value=shared.p_value), (f"with our own offset: {found.reason}",)
+    reason = shared.reason
+    if shared.verdict == "agree":
+        reason = "no test rejects with Mitsuba's offset for both, and with our own the bias lies within the tolerance"
+    note = f"with our own offset: {found.reason}"
+    return shared.verdict, reason, replace(found, p_value=shared.p_value), (note,)
 
 
 def _choose_spp(sides, scene, camera, replicates, time, seed, tolerance):

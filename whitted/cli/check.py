@@ -27,7 +27,7 @@ EXIT = {"agree": 0, "differ": 1, "undecided": 3, "not comparable": 3}
     "--time",
     type=click.FloatRange(min=0, min_open=True),
     metavar="S",
-    help="Seconds of rendering.  [default: as the tolerance needs, at most 120]",
+    help="Seconds of rendering.  [default: as the tolerance needs, at most 300]",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the samples.")
 @click.option(
