@@ -243,6 +243,38 @@ def test_rays_are_counted(bsdf, light, properties, rays):
     assert done.rays == {"eye": EYE} | {kind: EYE * rays.get(kind, 0) for kind in kinds}
 
 
+def furnace(reflects, **things):
+    """The inside of a ball that emits 1 and reflects 0.96, among things that do the same: the radiance is 25."""
+    shell = {
+        "type": "sphere",
+        "flip_normals": True,
+        "bsdf": reflects,
+        "emitter": {"type": "area", "radiance": 1.0},
+    }
+    to_world = transform().look_at([0.1, -0.2, 0.3], [1, 0.2, 0], [0, 1, 0])
+    sensor = camera() | {"to_world": to_world, "near_clip": 1e-3}
+    return mi.load_dict({"type": "scene", "sensor": sensor, "shell": shell, **things}, optimize=False)
+
+
+MIRROR_96 = {"type": "conductor", "specular_reflectance": 0.96}
+FURNACES = {
+    "mirror": lambda: furnace(MIRROR_96),
+    "diffuse": lambda: furnace(
+        {"type": "diffuse", "reflectance": 0.96},
+        ball={"type": "sphere", "center": [-0.5, 0, 0], "radius": 0.2, "bsdf": MIRROR_96}
+        | {"emitter": {"type": "area", "radiance": 1.0}},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FURNACES)
+def test_paths_of_a_hundred_vertices_have_numbers_of_their_own(name):
+    done = whitted.render(FURNACES[name](), DISTRIBUTION | {"max_depth": 2000}, spp=64)
+    assert done.mean.mean() == pytest.approx(25, rel=0.02)
+    assert done.rays["reflection"] + done.rays["interreflection"] > 20 * done.rays["eye"]
+    assert done.mean.max() < 100
+
+
 WRONG = [
     {"max_depth": -2},
     {"max_depth": 2.5},

@@ -332,7 +332,8 @@ class Paths:
         """
         child = self.Node(w=w, eta=node.eta * eta, depth=node.depth + 1)
         child.tag = node.tag // VISIT * VISIT + VISIT
-        child.id = node.id * (self.world.branching + 1) + (slot + 1)
+        # an odd factor: by an even one the upper levels are shifted out, and long paths get the same numbers again
+        child.id = node.id * ((self.world.branching + 1) | 1) + (slot + 1)
         if self.combines:
             for name in self.Node.SAMPLED:
                 setattr(child, name, getattr(node, name))
