@@ -67,7 +67,6 @@ class Pilot:
             return "both", ""
         with dr.suspend_grad(), cropped(self.sensor):
             ray, weight, _, _, active = self._eye_rays(effects)
-            self.world.count_rays(False)  # else counts of other widths might be added to
             more, samples, rays = techniques.excess(self.world, ray, active, seed=1)
             more = luminance(more * dr.square(weight), ray.wavelengths).numpy().astype(np.float64)
             change = np.square(self._luminance(effects) - self._luminance(effects, seed=1))
@@ -86,9 +85,11 @@ class Pilot:
             seed: ``int``, of the samples.
             count: ``int``, number of pixels.
             spp: ``int``, samples of each.
+
+        ``world.rays`` are those of these samples afterwards.
         """
         with dr.suspend_grad(), cropped(self.sensor):
-            found = self._luminance(plan, seed, _Scattered(*self.size, count * spp, spp))
+            found = self._luminance(plan, seed, _Scattered(*self.size, count * spp, spp), counted=True)
         return found.reshape(count, spp).mean(1)
 
     def _difference(self, effect, called):
@@ -110,12 +111,12 @@ class Pilot:
         si = self.world.scene.ray_intersect(ray, active)
         return (si.emitter(self.world.scene, active) != None).numpy()  # noqa: E711
 
-    def _luminance(self, plan, seed=0, grid=None, joint=None):
-        """The luminance of the pilot's samples, a float64 array [lanes of the grid]; ``world.rays`` are theirs."""
+    def _luminance(self, plan, seed=0, grid=None, joint=None, counted=False):
+        """The luminance of the pilot's samples, a float64 array [lanes of the grid]; ``world.rays``: theirs or none."""
         ray, weight, draws, _, active = self._eye_rays(plan, seed, grid)
         if joint is not None:
             draws.joint = joint
-        self.world.count_rays()
+        self.world.count_rays(counted)
         found = self.integrator.estimate(self.world, ray, draws, plan, active)
         dr.eval(found["radiance"], self.world.rays)
         return luminance(found["radiance"] * weight, ray.wavelengths).numpy().astype(np.float64)
