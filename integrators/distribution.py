@@ -9,7 +9,7 @@ import dataclasses
 import drjit as dr
 import mitsuba as mi
 
-from whitted import budget, effects, tracing
+from whitted import budget, denormals, effects, tracing
 from whitted.errors import UsageError
 from whitted.offsets import check_rule
 from whitted.paths import Paths
@@ -100,6 +100,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
             if value != "auto":
                 _check(name, value, 1, MAX_SAMPLES, " and auto")
 
+    @denormals.flushed()
     def plan(self, world, sensor=None, name="scene"):
         """Return the `effects.Plan` of a ``World`` seen by a sensor; without one nothing is measured."""
         pilot = Pilot(self, world, sensor) if sensor is not None else None

@@ -9,10 +9,13 @@ import math
 
 import numpy as np
 
+from whitted import denormals
+
 SAMPLER = "multijitter"  # not ldsampler: it correlates dimensions, and darkens a Cornell box by 0.4 %
 STRIDE = 100003  # between seeds: seeds less than spp apart repeat a stratified pattern, shifted by a pixel
 
 
+@denormals.flushed()
 def replicate(integrator, scene, sensor, seed, spp):
     """Render one replicate, ``float32`` [height, width, channels], channels being 3, or 1 in mono variants.
 

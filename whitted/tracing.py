@@ -7,7 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from whitted import _backend
+from whitted import _backend, denormals
 from whitted.film import BLOCK, Grid, Sums, colours, cropped, eye_rays
 from whitted.results import Truncation
 from whitted.sampling.groups import SEGMENTS, Replicates
@@ -48,6 +48,7 @@ class TreePasses:
         """Lanes of a pass of one sample in each pixel."""
         return Grid(self.source, 0, 1).lanes
 
+    @denormals.flushed()
     def run(self, start, stop):
         """Take the samples ``start`` to ``stop`` of each pixel."""
         grid = Grid(self.source, start, stop)
@@ -118,6 +119,7 @@ class MitsubaPasses:
         """Return where a pass that begins at ``start`` has to end at the latest."""
         return start + min(wanted, self.share)
 
+    @denormals.flushed()
     def run(self, start, stop):
         """Take as many samples as there are from ``start`` to ``stop``, as one group's."""
         samples = stop - start
