@@ -40,6 +40,15 @@ def integrator(spec=None, scene=None):
     return _from_dict({"type": name}, name), f"{reason}; rendering with '{name}'"
 
 
+def as_dict(spec):
+    """Return the dict as for ``mi.load_dict`` that a text or a dict stands for; names in it aren't checked.
+
+    Raises:
+        UsageError: the text isn't of the form ``NAME[:key=value,...]``.
+    """
+    return dict(spec) if isinstance(spec, dict) else _parse(spec)
+
+
 def _parse(text):
     """Return the dict that ``NAME[:key=value,...]`` stands for."""
     name, _, rest = text.partition(":")

@@ -20,6 +20,7 @@ SUBCOMMANDS = {
     "check": "Test whether two integrators estimate the same image.",
     "compare": "Error metrics between two pictures.",
     "trace": "Draw the ray tree of one pixel.",
+    "study": "Render a matrix of settings into a database.",
     "scenes": "List the shipped scenes; print one's XML.",
     "doctor": "Examine LLVM, variants, versions and cache, and test them.",
 }

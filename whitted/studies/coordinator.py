@@ -1,0 +1,337 @@
+"""Has a study's cells rendered: which worker does what and when, and what becomes of the results.
+
+A cell whose seconds count has its machine to itself: it begins when nothing else runs there, and nothing begins
+beside it. All of them run on machines of one kind. References come first, then timed cells, then the others. What a
+lost worker had is done by another. The coordinator alone writes to the store, between cells, and never while a cell is
+timed on its own machine. Left out: more than one cell at a time for each worker.
+"""
+
+import time as clock
+from collections import Counter, defaultdict
+from concurrent.futures import FIRST_COMPLETED, wait
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from whitted.errors import UsageError
+from whitted.studies import rendering, worker
+from whitted.studies.cells import REFERENCE, cells_of, interleaved
+from whitted.studies.errors import Reference, errors_of
+from whitted.studies.pools import WorkerLostError
+
+TRIES = 3  # at a cell whose worker dies
+POLL = 0.5  # seconds between looks at workers and signals
+KIND = ("cpu", "features", "cores")  # machines with equal ones are of one kind
+
+
+@dataclass
+class Task:
+    """A cell with what is left to do of it and what is done; ``attempt`` is its number in the store."""
+
+    cell: object
+    parts: list
+    attempt: int | None = None
+    lost: int = 0
+    results: dict = field(default_factory=dict)
+    environments: set = field(default_factory=set)
+    running: int = 0
+    failed: bool = False
+
+    @classmethod
+    def of(cls, cell):
+        """Return the task of a cell, from its beginning."""
+        return cls(cell, list(cell.parts))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended: ``done``, ``stopped`` or ``failed``; the cells wanted, done before and done now; failures."""
+
+    outcome: str
+    wanted: int
+    before: int
+    now: int
+    failures: dict
+    notes: tuple
+
+
+class Coordinator:
+    """One run of a study.
+
+    Args:
+        store: `whitted.studies.store.Store`, open for writing.
+        pool: see `whitted.studies.pools`.
+        specification: `whitted.studies.specification.Specification`.
+        report: is called with the numbers of cells done and wanted, and the label of the last; or None.
+        stopped: tells whether to begin nothing more.
+    """
+
+    def __init__(self, store, pool, specification, report=None, stopped=lambda: False):
+        self.store, self.pool, self.spec = store, pool, specification
+        self.report, self.stopped = report or (lambda *_: None), stopped
+        self.machines = {}  # by worker's name: its environment's id and facts; None while that is asked for
+        self.busy = {}  # by worker's name: future, worker, task, part
+        self.notes, self.failures = [], {}
+        self.references = {}
+        self.finished = 0
+
+    def run(self):
+        """Render what isn't done; return the `Outcome`."""
+        begin = clock.monotonic()
+        self.number = self.store.begin(self.spec.to_dict())
+        self._plan()
+        done = self.store.done()
+        cells = [*(c for cells in self.reference_cells.values() for c in cells), *self.cells]
+        self.queue = [Task.of(cell) for cell in cells if cell.key not in done]
+        self.wanted, self.before = len(cells), len(cells) - len(self.queue)
+        self.kind = self._timed_before()
+        for scene in self.reference_cells:
+            self._reference_done(scene)
+        limit = self.spec.time
+        while self.queue or self.busy:
+            is_over = self.stopped() or (limit is not None and clock.monotonic() - begin >= limit)
+            if is_over and not any(task for _, _, task, _ in self.busy.values()):
+                break
+            self._give_out(only_begun=is_over)
+            self._collect()
+        left = self.wanted - self.before - self.finished - len(self.failures)
+        outcome = "stopped" if left else "failed" if self.failures else "done"
+        self.store.end(self.number, outcome)
+        return Outcome(outcome, self.wanted, self.before, self.finished, self.failures, tuple(self.notes))
+
+    def _plan(self):
+        """Have scenes and methods described; note all cells."""
+        spec = self.spec
+        wanted = spec.reference
+        first = self.pool.workers[0]
+        choices = [
+            {"integrator": entry.integrator, "label": entry.label, "samplers": spec.samplers,
+             "effects": spec.effects, "spp": spec.spp}
+            for entry in spec.integrators
+        ]  # fmt: skip
+        label = (
+            wanted.integrator if isinstance(wanted.integrator, str) else wanted.integrator.get("type", "?")
+        )
+        choices.append(
+            {"integrator": wanted.integrator, "label": label, "samplers": (wanted.sampler,),
+             "effects": ("auto",), "spp": (wanted.spp,)}
+        )  # fmt: skip
+        self.reference_cells, turns = {}, []
+        for entry in spec.scenes:
+            size = (spec.width, spec.height)
+            described = self.pool.submit(
+                first, rendering.describe, first.cores, spec.variant, entry, size, choices
+            )
+            try:
+                scene, methods, self.versions = described.result()
+            except WorkerLostError as error:
+                raise UsageError(f"scene '{entry.label}': the process that loaded it ended") from error
+            *own, (reference,) = methods
+            flat = [method for group in own for method in group]
+            self.reference_cells[scene.label], ladders = cells_of(spec, scene, flat, reference, self.versions)
+            turns.append(ladders)
+        self.cells = interleaved(turns, spec.seed)
+        self.store.plan([*(c for cells in self.reference_cells.values() for c in cells), *self.cells])
+
+    def _timed_before(self):
+        """The kind of machine on which cells of this store have been timed, or None."""
+        found = self.store.query(
+            "SELECT cpu, features, cores FROM timings JOIN environments ON id = timings.environment"
+            " JOIN cells ON key = cell WHERE wanted = 1 GROUP BY cpu, features, cores ORDER BY count(*) DESC"
+        )
+        return tuple(found[0].values()) if found else None
+
+    def _give_out(self, only_begun):
+        """Give idle workers something to do."""
+        for each in self.pool.workers:
+            if each.name in self.busy or any(w.host == each.host for w in self._timing()):
+                continue
+            if each.name not in self.machines:
+                future = self.pool.submit(each, worker.environment, each.share, self.spec.variant)
+                self.machines[each.name] = None
+                self.busy[each.name] = (future, each, None, None)
+            elif self.machines[each.name] is not None:
+                self._give(each, only_begun)
+
+    def _give(self, each, only_begun):
+        """Give a worker whose machine is known a part of a cell, if there is one for it."""
+        task = self._choose(each, only_begun)
+        if task is None:
+            return
+        if task.attempt is None:
+            task.attempt = self.store.attempt(self.number, task.cell.key, each.name)
+        part = task.parts.pop(0)
+        task.running += 1
+        threads = each.cores if task.cell.timed else each.share
+        future = self.pool.submit(each, rendering.render, threads, task.cell.job(part))
+        self.busy[each.name] = (future, each, task, part)
+
+    def _choose(self, each, only_begun):
+        """The task whose next part a worker may take, or None."""
+        open_tasks = [
+            task for task in self.queue if task.parts and (task.results or task.running or not only_begun)
+        ]
+        times = any(task.cell.timed for task in self.queue) and self._may_time(each)
+        alone = not any(w.host == each.host for _, w, _, _ in self.busy.values())
+        for task in open_tasks:
+            if task.cell.role == REFERENCE:
+                return task
+        for task in open_tasks:
+            if task.cell.timed and times and alone and not task.running:
+                return task
+        return None if times else next((task for task in open_tasks if not task.cell.timed), None)
+
+    def _may_time(self, each):
+        """Whether a worker's machine is of the kind on which cells are timed: at first the most common one."""
+        kinds = {name: _kind(facts) for name, (_, facts) in self._known().items()}
+        if self.kind is None or self.kind not in kinds.values():
+            if all(name in kinds for name in (w.name for w in self.pool.workers)):
+                self.kind = Counter(kinds.values()).most_common(1)[0][0]
+        return kinds[each.name] == self.kind
+
+    def _known(self):
+        return {name: machine for name, machine in self.machines.items() if machine is not None}
+
+    def _timing(self):
+        """The workers that are at a timed cell."""
+        return [w for _, w, task, _ in self.busy.values() if task is not None and task.cell.timed]
+
+    def _collect(self):
+        """Wait for a worker, and take what is ready."""
+        futures = [future for future, *_ in self.busy.values()]
+        if not futures:
+            clock.sleep(POLL)
+            return
+        wait(futures, POLL, FIRST_COMPLETED)
+        for name, (future, each, task, part) in list(self.busy.items()):
+            if not future.done():
+                continue
+            del self.busy[name]
+            if task is None:
+                self._machine_known(each, future)
+            else:
+                self._part_done(each, task, part, future)
+
+    def _machine_known(self, each, future):
+        """Take a worker's account of its machine; refuse one with other versions."""
+        try:
+            facts = future.result()
+        except WorkerLostError:
+            del self.machines[each.name]
+            return
+        self.machines[each.name] = (self.store.add_environment(facts), facts)
+
+    def _part_done(self, each, task, part, future):
+        """Take the result of a part, or what went wrong with it."""
+        task.running -= 1
+        if task.failed:
+            return
+        try:
+            task.results[part] = future.result()
+        except WorkerLostError as error:
+            self._lost(each, task, part, error)
+        except Exception as error:
+            self._failed(task, _line(error))
+        else:
+            task.environments.add(self.machines[each.name][0])
+            if not task.parts and not task.running:
+                self._finish(each, task)
+
+    def _lost(self, each, task, part, error):
+        """Have the part done again, unless its workers die of it."""
+        self.machines.pop(each.name, None)
+        task.lost += 1
+        task.parts.insert(0, part)
+        if task.lost >= TRIES:
+            self._failed(task, f"its workers ended {TRIES} times: {error}")
+            return
+        self.store.give_up(task.attempt, task.cell.key, "lost", str(error))
+        task.attempt = None
+
+    def _failed(self, task, message):
+        task.failed = True
+        self.queue.remove(task)
+        self.failures[task.cell] = message
+        self.store.give_up(task.attempt, task.cell.key, "failed", message)
+        self._tell(task)
+
+    def _finish(self, each, task):
+        """Put the parts together, store the cell, and take its errors."""
+        cell = task.cell
+        picture = assembled(cell, task.results)
+        timings = summed(task.results.values()) if cell.timed else []
+        environment = next(iter(task.environments)) if len(task.environments) == 1 else None
+        same = all(result["same_bits"] for result in task.results.values())
+        self.store.finish(task.attempt, cell, picture, timings, environment, each.cores, same)
+        self.queue.remove(task)
+        task.results.clear()
+        self.finished += 1
+        if cell.role == REFERENCE:
+            self._reference_done(cell.scene.label)
+        elif cell.scene.label in self.references:
+            reference = self.references[cell.scene.label]
+            self.store.add_errors(errors_of(cell.key, picture, reference, self.spec.metrics))
+        self._tell(task)
+
+    def _reference_done(self, label):
+        """Once all cells of a scene's reference are done, make the reference, and take what errors are missing."""
+        cells = self.reference_cells[label]
+        if label in self.references or not {cell.key for cell in cells} <= self.store.done():
+            return
+        row = self.store.add_reference(cells)
+        reference = self.references[label] = Reference(row, self.store.picture(row["picture"]))
+        done = self.store.query(
+            "SELECT key, picture FROM cells WHERE scene = ? AND role = 'cell' AND status = 'done' AND wanted = 1",
+            row["scene"],
+        )
+        known = defaultdict(set)
+        for error in self.store.query("SELECT cell, metric FROM errors WHERE reference = ?", row["id"]):
+            known[error["cell"]].add(error["metric"])
+        for cell in done:
+            names = [name for name in self.spec.metrics if name not in known[cell["key"]]]
+            if names:
+                pixels = self.store.pixels(cell["picture"])
+                self.store.add_errors(errors_of(cell["key"], pixels, reference, names))
+
+    def _tell(self, task):
+        done = self.before + self.finished + len(self.failures)
+        self.report(
+            done, self.wanted, f"{task.cell.scene.label}: {task.cell.method.label}, {task.cell.spp} spp"
+        )
+
+
+def assembled(cell, results):
+    """Return a cell's picture, ``float32`` [H, W, C], from the results by `Part`; ranges are added in their order."""
+    shape = (cell.scene.height, cell.scene.width)
+    channels = next(iter(results.values()))["sums"].shape[-1]
+    sums, weights = np.zeros((*shape, channels)), np.zeros(shape)
+    for part in sorted(results, key=lambda part: (part.y, part.x, part.start)):
+        window = np.s_[part.y : part.y + part.height, part.x : part.x + part.width]
+        sums[window] += results[part]["sums"]
+        weights[window] += results[part]["weights"]
+    return np.divide(sums, weights[..., None], out=np.zeros_like(sums), where=weights[..., None] > 0).astype(
+        np.float32
+    )
+
+
+def summed(results):
+    """Return a cell's timings from those of its parts, a list of dicts: cold where any part was, and warm."""
+    firsts = [result["timings"][0] for result in results]
+    lasts = [result["timings"][-1] for result in results]
+    whole = [_sum(lasts)]
+    return [_sum(firsts), *whole] if any(len(result["timings"]) > 1 for result in results) else whole
+
+
+def _sum(timings):
+    return {
+        name: None if timings[0][name] is None else sum(t[name] or 0 for t in timings) for name in timings[0]
+    }
+
+
+def _kind(facts):
+    return tuple(facts[name] for name in KIND)
+
+
+def _line(error):
+    text = " ".join(str(error).split())
+    return text if isinstance(error, UsageError) else f"{type(error).__name__}: {text}"
