@@ -58,7 +58,7 @@ def compare(image, reference, stderr=None, reference_stderr=None):
     mean = reference.mean()
     return Metrics(
         mse=mse(image, reference),
-        rmse=math.sqrt(mse(image, reference)),
+        rmse=rmse(image, reference),
         rel_mse=rel_mse(image, reference),
         mae=mae(image, reference),
         smape=smape(image, reference),
@@ -138,3 +138,37 @@ def unbiased_mse(image, reference, stderr, reference_stderr):
 def _mean_ratio(above, below):
     """Return the mean of the ratio, 0 / 0 being 0."""
     return float(np.mean(np.divide(above, below, out=np.zeros_like(above, float), where=below > 0)))
+
+
+def flip(image, reference):
+    """Return the mean FLIP error, see `whitted.stats.perceptual.flip`."""
+    from whitted.stats import perceptual
+
+    return perceptual.flip(image, reference)[0]
+
+
+def ciede2000(image, reference):
+    """Return the mean colour difference, see `whitted.stats.perceptual.ciede2000`."""
+    from whitted.stats import perceptual
+
+    return perceptual.ciede2000(image, reference)[0]
+
+
+def rmse(image, reference):
+    r"""Return the root of the mean squared error."""
+    return math.sqrt(mse(image, reference))
+
+
+# By the name under which a study asks for them: image and reference, (H, W, C), to a number
+METRICS = {
+    "mse": mse,
+    "rmse": rmse,
+    "rel_mse": rel_mse,
+    "mae": mae,
+    "smape": smape,
+    "p99": p99,
+    "psnr": psnr,
+    "bias": bias,
+    "flip": flip,
+    "ciede2000": ciede2000,
+}

@@ -39,8 +39,13 @@ class Store:
             self._prepare()
         elif not (self.folder / DATABASE).is_file():
             raise UsageError(f"{folder}: no study lies there; `whitted study` makes one")
-        with self._explained():
-            self._open(write)
+        self.database = None
+        try:
+            with self._explained():
+                self._open(write)
+        except BaseException:
+            self.close()
+            raise
 
     def __enter__(self):
         return self
@@ -50,9 +55,9 @@ class Store:
 
     def close(self):
         """Close the database, and unlock the folder."""
-        self.database.close()
-        if self._lock is not None:
-            self._lock.close()
+        for held in (self.database, self._lock):
+            if held is not None:
+                held.close()
 
     def query(self, sql, *values):
         """Return the rows of a query, a list of dicts."""
@@ -245,6 +250,7 @@ class Store:
             self._lock = open(self.folder / LOCK, "a+")  # noqa: SIM115, open as long as the store
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
+            self._lock.close()
             raise UsageError(f"{self.folder}: another process is at work on this study") from error
         except OSError as error:
             raise UsageError(f"cannot write {self.folder}: {error.strerror.lower()}") from error
