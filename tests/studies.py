@@ -5,6 +5,7 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
+from contextlib import closing
 from pathlib import Path
 
 TOY = {
@@ -23,7 +24,7 @@ CELLS = 3 + 3 * 2 * 3  # of the reference, and of three methods at two steps of 
 
 def rows(folder, sql, *values):
     """Return the rows of a query on a store, tuples, read by SQLite alone."""
-    with sqlite3.connect(f"file:{folder}/study.db?mode=ro", uri=True) as database:
+    with closing(sqlite3.connect(f"file:{folder}/study.db?mode=ro", uri=True)) as database:
         return database.execute(sql, values).fetchall()
 
 

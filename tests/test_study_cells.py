@@ -114,10 +114,10 @@ def test_parts_are_put_together_in_one_order_whatever_comes_first(monkeypatch):
     monkeypatch.setattr(module, "PART", 64)
     cell = replace(CELL, spp=4)
     rng = np.random.default_rng(0)
-    results = {
-        part: {"sums": rng.random((part.height, 16, 3)) * 10.0 ** rng.integers(0, 9), "weights": np.ones((part.height, 16))}
-        for part in cell.parts
-    }
+    results = {}
+    for part in cell.parts:
+        sums = rng.random((part.height, 16, 3)) * 10.0 ** rng.integers(0, 9)
+        results[part] = {"sums": sums, "weights": np.ones((part.height, 16))}
     whole = assembled(cell, results)
     backwards = assembled(cell, dict(reversed(results.items())))
     np.testing.assert_array_equal(whole, backwards)

@@ -58,7 +58,7 @@ def command(spec, folder, size, scheduler, workers, time, others, export):
             spec, folder, size=size, scheduler=scheduler, workers=workers, time=time, progress=report
         )
     outcome = found.outcome
-    for cell, message in outcome.failures.items():
+    for cell, message in outcome.failures:
         place = f"{cell.scene.label}: {cell.method.label}, {cell.spp} spp, replicate {cell.replicate}"
         click.echo(f"whitted: failed: {place}: {message}", err=True)
     for note in outcome.notes:

@@ -45,13 +45,16 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: ``done``, ``stopped`` or ``failed``; the cells wanted, done before and done now; failures."""
+    """How a run ended: ``done``, ``stopped`` or ``failed``; the cells wanted, done before and done now.
+
+    ``failures`` are pairs of a cell and why it failed.
+    """
 
     outcome: str
     wanted: int
     before: int
     now: int
-    failures: dict
+    failures: tuple
     notes: tuple
 
 
@@ -71,7 +74,7 @@ class Coordinator:
         self.report, self.stopped = report or (lambda *_: None), stopped
         self.machines = {}  # by worker's name: its environment's id and facts; None while that is asked for
         self.busy = {}  # by worker's name: future, worker, task, part
-        self.notes, self.failures = [], {}
+        self.notes, self.failures = [], []
         self.references = {}
         self.finished = 0
 
@@ -97,7 +100,9 @@ class Coordinator:
         left = self.wanted - self.before - self.finished - len(self.failures)
         outcome = "stopped" if left else "failed" if self.failures else "done"
         self.store.end(self.number, outcome)
-        return Outcome(outcome, self.wanted, self.before, self.finished, self.failures, tuple(self.notes))
+        return Outcome(
+            outcome, self.wanted, self.before, self.finished, tuple(self.failures), tuple(self.notes)
+        )
 
     def _plan(self):
         """Have scenes and methods described; note all cells."""
@@ -131,6 +136,7 @@ class Coordinator:
             self.reference_cells[scene.label], ladders = cells_of(spec, scene, flat, reference, self.versions)
             turns.append(ladders)
         self.cells = interleaved(turns, spec.seed)
+        _distinct(self.cells)
         self.store.plan([*(c for cells in self.reference_cells.values() for c in cells), *self.cells])
 
     def _timed_before(self):
@@ -251,7 +257,7 @@ class Coordinator:
     def _failed(self, task, message):
         task.failed = True
         self.queue.remove(task)
-        self.failures[task.cell] = message
+        self.failures.append((task.cell, message))
         self.store.give_up(task.attempt, task.cell.key, "failed", message)
         self._tell(task)
 
@@ -298,6 +304,15 @@ class Coordinator:
         self.report(
             done, self.wanted, f"{task.cell.scene.label}: {task.cell.method.label}, {task.cell.spp} spp"
         )
+
+
+def _distinct(cells):
+    """Refuse a study in which two scenes, or two methods of a scene, are the same but for what they are called."""
+    called = {}
+    for cell in cells:
+        name = f"{cell.scene.label}: {cell.method.label}"
+        if called.setdefault(cell.key, name) != name:
+            raise UsageError(f"'{called[cell.key]}' and '{name}' are the same")
 
 
 def assembled(cell, results):
