@@ -1,11 +1,13 @@
 """A study that takes seconds, and what tests ask of its store."""
 
+import os
 import shutil
 import sqlite3
 import subprocess
 import sys
 import tempfile
-from contextlib import closing
+import time
+from contextlib import closing, suppress
 from pathlib import Path
 
 TOY = {
@@ -71,6 +73,15 @@ def finished(*arguments, **options):
     process = command(*arguments, **options)
     out, err = process.communicate(timeout=300)
     return process.returncode, out, err
+
+
+def wait_for_pictures(folder, process, count=1):
+    """Wait until a study that a process renders has a number of pictures, or the process has ended."""
+    while process.poll() is None:
+        with suppress(FileNotFoundError):
+            if sum(name.endswith(".exr") for name in os.listdir(folder / "pictures")) >= count:
+                return
+        time.sleep(0.02)
 
 
 def copied(folder):

@@ -2,12 +2,14 @@
 
 import json
 import os
+import signal
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
 from commands import refused
-from studies import CELLS, TOY, contents, copied, finished, rows, toml
+from studies import CELLS, TOY, command, contents, copied, finished, rows, toml, wait_for_pictures
 
 from whitted.errors import UsageError
 from whitted.studies import schema
@@ -196,14 +198,8 @@ def is_alive(pid):
 
 
 def test_the_workers_of_a_study_end_with_it(tmp_path):
-    import signal
-    import time
-
-    from studies import command
-
     process = command("study", toml(tmp_path, replicates=200), "-o", tmp_path / "s")
-    while process.poll() is None and not list(tmp_path.glob("s/pictures/*.exr")):
-        time.sleep(0.05)
+    wait_for_pictures(tmp_path / "s", process)
     children = subprocess.run(
         ["pgrep", "-P", str(process.pid)], capture_output=True, text=True
     ).stdout.split()

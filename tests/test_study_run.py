@@ -7,7 +7,18 @@ import time
 
 import numpy as np
 import pytest
-from studies import CELLS, TOY, command, contents, copied, finished, rendered_twice, rows, toml
+from studies import (
+    CELLS,
+    TOY,
+    command,
+    contents,
+    copied,
+    finished,
+    rendered_twice,
+    rows,
+    toml,
+    wait_for_pictures,
+)
 
 from whitted import image
 from whitted.errors import UsageError
@@ -183,8 +194,7 @@ def test_a_write_that_is_cut_off_loses_its_cell_alone(whole, when, tmp_path, mon
 def test_a_signal_ends_it_after_the_cell_at_hand(tmp_path):
     spec = toml(tmp_path, replicates=60)
     process = command("study", spec, "-o", tmp_path / "s")
-    while process.poll() is None and len(list(tmp_path.glob("s/pictures/*.exr"))) < 3:
-        time.sleep(0.05)
+    wait_for_pictures(tmp_path / "s", process, 3)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 3

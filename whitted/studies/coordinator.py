@@ -6,6 +6,7 @@ lost worker had is done by another. The coordinator alone writes to the store, b
 timed on its own machine. Left out: more than one cell at a time for each worker.
 """
 
+import json
 import time as clock
 from collections import Counter, defaultdict
 from concurrent.futures import FIRST_COMPLETED, wait
@@ -74,6 +75,7 @@ class Coordinator:
         self.report, self.stopped = report or (lambda *_: None), stopped
         self.machines = {}  # by worker's name: its environment's id and facts; None while that is asked for
         self.busy = {}  # by worker's name: future, worker, task, part
+        self.refused = set()  # names of workers with other versions
         self.notes, self.failures = [], []
         self.references = {}
         self.finished = 0
@@ -190,9 +192,9 @@ class Coordinator:
     def _may_time(self, each):
         """Whether a worker's machine is of the kind on which cells are timed: at first the most common one."""
         kinds = {name: _kind(facts) for name, (_, facts) in self._known().items()}
-        if self.kind is None or self.kind not in kinds.values():
-            if all(name in kinds for name in (w.name for w in self.pool.workers)):
-                self.kind = Counter(kinds.values()).most_common(1)[0][0]
+        all_known = all(each.name in kinds or each.name in self.refused for each in self.pool.workers)
+        if self.kind not in kinds.values() and all_known:
+            self.kind = Counter(kinds.values()).most_common(1)[0][0]
         return kinds[each.name] == self.kind
 
     def _known(self):
@@ -225,7 +227,14 @@ class Coordinator:
         except WorkerLostError:
             del self.machines[each.name]
             return
-        self.machines[each.name] = (self.store.add_environment(facts), facts)
+        found = json.loads(facts["versions"])
+        other = next((name for name, number in self.versions.items() if found.get(name) != number), None)
+        if other is None:
+            self.machines[each.name] = (self.store.add_environment(facts), facts)
+            return
+        self.refused.add(each.name)
+        has = f"{other} {found.get(other)}, not {self.versions[other]}"
+        self.notes.append(f"worker {each.name} is left out: it has {has}")
 
     def _part_done(self, each, task, part, future):
         """Take the result of a part, or what went wrong with it."""
