@@ -10,7 +10,7 @@ import json
 import time as clock
 from collections import Counter, defaultdict
 from concurrent.futures import FIRST_COMPLETED, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,29 +19,11 @@ from whitted.studies import rendering, worker
 from whitted.studies.cells import REFERENCE, cells_of, interleaved
 from whitted.studies.errors import Reference, errors_of
 from whitted.studies.pools import WorkerLostError
+from whitted.studies.queue import Queue, Task
 
 TRIES = 3  # at a cell whose worker dies
 POLL = 0.5  # seconds between looks at workers and signals
 KIND = ("cpu", "features", "cores")  # machines with equal ones are of one kind
-
-
-@dataclass
-class Task:
-    """A cell with what is left to do of it and what is done; ``attempt`` is its number in the store."""
-
-    cell: object
-    parts: list
-    attempt: int | None = None
-    lost: int = 0
-    results: dict = field(default_factory=dict)
-    environments: set = field(default_factory=set)
-    running: int = 0
-    failed: bool = False
-
-    @classmethod
-    def of(cls, cell):
-        """Return the task of a cell, from its beginning."""
-        return cls(cell, list(cell.parts))
 
 
 @dataclass(frozen=True)
@@ -87,18 +69,22 @@ class Coordinator:
         self._plan()
         done = self.store.done()
         cells = [*(c for cells in self.reference_cells.values() for c in cells), *self.cells]
-        self.queue = [Task.of(cell) for cell in cells if cell.key not in done]
-        self.wanted, self.before = len(cells), len(cells) - len(self.queue)
+        tasks = [Task.of(cell) for cell in cells if cell.key not in done]
+        self.queue = Queue(tasks)
+        self.wanted, self.before = len(cells), len(cells) - len(tasks)
         self.kind = self._timed_before()
         for scene in self.reference_cells:
             self._reference_done(scene)
         limit = self.spec.time
         while self.queue or self.busy:
             is_over = self.stopped() or (limit is not None and clock.monotonic() - begin >= limit)
-            if is_over and not any(task for _, _, task, _ in self.busy.values()):
+            if not is_over:
+                self._give_out()
+            elif not self.busy:
                 break
-            self._give_out(only_begun=is_over)
             self._collect()
+        for task in self.queue.begun:
+            self.store.give_up(task.attempt, task.cell.key, "stopped", None)
         left = self.wanted - self.before - self.finished - len(self.failures)
         outcome = "stopped" if left else "failed" if self.failures else "done"
         self.store.end(self.number, outcome)
@@ -149,7 +135,7 @@ class Coordinator:
         )
         return tuple(found[0].values()) if found else None
 
-    def _give_out(self, only_begun):
+    def _give_out(self):
         """Give idle workers something to do."""
         for each in self.pool.workers:
             if each.name in self.busy or any(w.host == each.host for w in self._timing()):
@@ -159,11 +145,12 @@ class Coordinator:
                 self.machines[each.name] = None
                 self.busy[each.name] = (future, each, None, None)
             elif self.machines[each.name] is not None:
-                self._give(each, only_begun)
+                self._give(each)
 
-    def _give(self, each, only_begun):
+    def _give(self, each):
         """Give a worker whose machine is known a part of a cell, if there is one for it."""
-        task = self._choose(each, only_begun)
+        alone = not any(w.host == each.host for _, w, _, _ in self.busy.values())
+        task = self.queue.take(each.name, self._may_time(each), alone)
         if task is None:
             return
         if task.attempt is None:
@@ -173,21 +160,6 @@ class Coordinator:
         threads = each.cores if task.cell.timed else each.share
         future = self.pool.submit(each, rendering.render, threads, task.cell.job(part))
         self.busy[each.name] = (future, each, task, part)
-
-    def _choose(self, each, only_begun):
-        """The task whose next part a worker may take, or None."""
-        open_tasks = [
-            task for task in self.queue if task.parts and (task.results or task.running or not only_begun)
-        ]
-        times = any(task.cell.timed for task in self.queue) and self._may_time(each)
-        alone = not any(w.host == each.host for _, w, _, _ in self.busy.values())
-        for task in open_tasks:
-            if task.cell.role == REFERENCE:
-                return task
-        for task in open_tasks:
-            if task.cell.timed and times and alone and not task.running:
-                return task
-        return None if times else next((task for task in open_tasks if not task.cell.timed), None)
 
     def _may_time(self, each):
         """Whether a worker's machine is of the kind on which cells are timed: at first the most common one."""
@@ -256,16 +228,16 @@ class Coordinator:
         """Have the part done again, unless its workers die of it."""
         self.machines.pop(each.name, None)
         task.lost += 1
-        task.parts.insert(0, part)
         if task.lost >= TRIES:
             self._failed(task, f"its workers ended {TRIES} times: {error}")
             return
         self.store.give_up(task.attempt, task.cell.key, "lost", str(error))
         task.attempt = None
+        self.queue.put_back(task, part)
 
     def _failed(self, task, message):
         task.failed = True
-        self.queue.remove(task)
+        self.queue.drop(task)
         self.failures.append((task.cell, message))
         self.store.give_up(task.attempt, task.cell.key, "failed", message)
         self._tell(task)
@@ -278,8 +250,7 @@ class Coordinator:
         environment = next(iter(task.environments)) if len(task.environments) == 1 else None
         same = all(result["same_bits"] for result in task.results.values())
         self.store.finish(task.attempt, cell, picture, timings, environment, each.cores, same)
-        self.queue.remove(task)
-        task.results.clear()
+        self.queue.drop(task)
         self.finished += 1
         if cell.role == REFERENCE:
             self._reference_done(cell.scene.label)

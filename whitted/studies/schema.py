@@ -172,7 +172,7 @@ TABLES = {
             "worker": ("TEXT NOT NULL", "which one"),
             "started": ("TEXT NOT NULL", "UTC, ISO 8601"),
             "ended": ("TEXT", "UTC; NULL if the coordinator was killed"),
-            "outcome": ("TEXT", "`done`, `failed`, `lost` (the worker died), or NULL"),
+            "outcome": ("TEXT", "`done`, `failed`, `lost` (the worker died), `stopped`, or NULL"),
             "message": ("TEXT", "why"),
         },
     ),
