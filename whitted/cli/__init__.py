@@ -21,6 +21,7 @@ SUBCOMMANDS = {
     "compare": "Error metrics between two pictures.",
     "trace": "Draw the ray tree of one pixel.",
     "study": "Render a matrix of settings into a database.",
+    "report": "Write a study's findings as one page.",
     "scenes": "List the shipped scenes; print one's XML.",
     "doctor": "Examine LLVM, variants, versions and cache, and test them.",
 }

@@ -60,6 +60,7 @@ class Coordinator:
         self.refused = set()  # names of workers with other versions
         self.notes, self.failures = [], []
         self.references = {}
+        self.metrics = tuple(dict.fromkeys(("mse", *specification.metrics)))  # reports are made of the first
         self.finished = 0
 
     def run(self):
@@ -125,7 +126,11 @@ class Coordinator:
             turns.append(ladders)
         self.cells = interleaved(turns, spec.seed)
         _distinct(self.cells)
-        self.store.plan([*(c for cells in self.reference_cells.values() for c in cells), *self.cells])
+        references = [cell for cells in self.reference_cells.values() for cell in cells]
+        in_order = [
+            cell for ladders in turns for ladder in ladders for cell in ladder
+        ]  # as the study lists them
+        self.store.plan(references + in_order)
 
     def _timed_before(self):
         """The kind of machine on which cells of this store have been timed, or None."""
@@ -256,7 +261,7 @@ class Coordinator:
             self._reference_done(cell.scene.label)
         elif cell.scene.label in self.references:
             reference = self.references[cell.scene.label]
-            self.store.add_errors(errors_of(cell.key, picture, reference, self.spec.metrics))
+            self.store.add_errors(errors_of(cell.key, picture, reference, self.metrics))
         self._tell(task)
 
     def _reference_done(self, label):
@@ -274,7 +279,7 @@ class Coordinator:
         for error in self.store.query("SELECT cell, metric FROM errors WHERE reference = ?", row["id"]):
             known[error["cell"]].add(error["metric"])
         for cell in done:
-            names = [name for name in self.spec.metrics if name not in known[cell["key"]]]
+            names = [name for name in self.metrics if name not in known[cell["key"]]]
             if names:
                 pixels = self.store.pixels(cell["picture"])
                 self.store.add_errors(errors_of(cell["key"], pixels, reference, names))

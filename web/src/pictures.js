@@ -1,0 +1,54 @@
+/**
+ * The pictures that a page carries: found by their ids, decoded when first shown, the last few kept.
+ *
+ * The format is that of `encode` in whitted/reports/pictures.py. Nothing is fetched.
+ */
+
+const KEPT = 8; // decoded pictures in memory: two shown, their reference, and those flipped to
+
+const loaded = new Map(); // id -> promise of a picture; the least recently used comes first
+
+/**
+ * Return a promise of the manifest's entry with `radiance`, `stderr` (or null): Float32Array [height, width,
+ * channels], and `mean`, the mean of all finite values.
+ */
+export function load(entry) {
+  const found = loaded.get(entry.id) ?? read(entry);
+  loaded.set(entry.id, found);
+  for (const id of [...loaded.keys()].slice(0, -KEPT)) loaded.delete(id);
+  return found;
+}
+
+async function read(entry) {
+  const [radiance, stderr] = await Promise.all([
+    decode(document.getElementById(`picture-${entry.id}`).textContent),
+    entry.has_stderr ? decode(document.getElementById(`stderr-${entry.id}`).textContent) : null,
+  ]);
+  return { ...entry, radiance, stderr, mean: finiteMean(radiance) };
+}
+
+/** Base64, zlib, and the four bytes of each little-endian float in four planes, one after another. */
+async function decode(text) {
+  const binary = atob(text);
+  const packed = new Uint8Array(binary.length);
+  for (let i = 0; i < packed.length; i++) packed[i] = binary.charCodeAt(i);
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const n = bytes.length / 4;
+  const words = new Uint32Array(n);
+  for (let i = 0; i < n; i++) {
+    words[i] = bytes[i] | (bytes[n + i] << 8) | (bytes[2 * n + i] << 16) | (bytes[3 * n + i] << 24);
+  }
+  return new Float32Array(words.buffer);
+}
+
+function finiteMean(values) {
+  let sum = 0, count = 0;
+  for (const value of values) {
+    if (Number.isFinite(value)) {
+      sum += value;
+      count += 1;
+    }
+  }
+  return count ? sum / count : 0;
+}
