@@ -92,6 +92,8 @@ def test_pairs_cancel_what_is_common():
 def test_equal_values_leave_no_doubt(scale):
     found = bootstrap_t(means(np.full(8, 2.5)), 8, scale=scale)
     assert (found.value, found.low, found.high) == pytest.approx((2.5, 2.5, 2.5), rel=1e-14)
+    nothing = bootstrap_t(means(np.zeros(8)), 8, scale=scale)
+    assert (nothing.value, nothing.low, nothing.high) == (0, 0, 0)
     found = student(np.full(8, 2.5))
     assert (found.low, found.high) == (2.5, 2.5)
 

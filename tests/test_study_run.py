@@ -3,6 +3,8 @@
 import os
 import random
 import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -235,3 +237,12 @@ def test_it_shows_itself(whole):
     assert "toy" in whole._repr_html_()
     assert whole.to_dict()["count"]["done"] == CELLS
     assert whole.specification["replicates"] == 3
+
+
+def test_a_script_needs_no_main_guard(tmp_path, whole):
+    script = tmp_path / "script.py"
+    script.write_text(f"import whitted\nprint('once')\nprint(whitted.study({TOY!r}, 'study').count())\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"once\n{whole.count()}\n"
+    assert contents(tmp_path / "study") == contents(whole.folder)

@@ -11,14 +11,16 @@ _EXPORTS = {
     "Plan": "whitted.effects",
     "Render": "whitted.passes",
     "Scene": "whitted.scene",
+    "Study": "whitted.studies.study",
     "check": "whitted.comparison",
     "load": "whitted.scene",
     "plan": "whitted.planning",
     "render": "whitted.passes",
+    "study": "whitted.studies.study",
     "trace": "whitted.raytree",
 }
 
-__all__ = ["Agreement", "Plan", "Render", "Scene", "check", "load", "plan", "render", "trace"]
+__all__ = ["Agreement", "Plan", "Render", "Scene", "Study", "check", "load", "plan", "render", "study", "trace"]
 
 
 def __getattr__(name):

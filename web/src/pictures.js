@@ -14,6 +14,7 @@ const loaded = new Map(); // id -> promise of a picture; the least recently used
  */
 export function load(entry) {
   const found = loaded.get(entry.id) ?? read(entry);
+  loaded.delete(entry.id);
   loaded.set(entry.id, found);
   for (const id of [...loaded.keys()].slice(0, -KEPT)) loaded.delete(id);
   return found;

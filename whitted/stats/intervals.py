@@ -188,7 +188,9 @@ def _with_errors(statistic, weights):
         drawn = own.reshape(own.shape + (1,) * (value.ndim - 1))
         without = np.where(drawn > 0, statistic(*others), 0.0)
         centre = (drawn * without).sum(axis=1, keepdims=True) / count
-        variance += (count - 1) / count * (drawn * (without - centre) ** 2).sum(axis=1)
+        with np.errstate(invalid="ignore"):  # the logarithm of 0 is equal to its mean as well
+            deviation = np.where((drawn > 0) & (without != centre), without - centre, 0.0)
+        variance += (count - 1) / count * (drawn * deviation**2).sum(axis=1)
     return value, np.sqrt(variance)
 
 

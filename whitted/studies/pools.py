@@ -7,8 +7,10 @@ spawned, since a fork would copy Dr.Jit's threads' locks without the threads.
 
 import multiprocessing
 import os
+import sys
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from whitted.studies import worker
@@ -48,7 +50,8 @@ class LocalPool:
         if to.name not in self._executors:
             context = multiprocessing.get_context("spawn")
             self._executors[to.name] = ProcessPoolExecutor(1, context, worker.start)
-            self._pids.append(self._executors[to.name].submit(os.getpid))
+            with _without_main():
+                self._pids.append(self._executors[to.name].submit(os.getpid))
         done = self._executors[to.name].submit(worker.run, function, threads, arguments)
         done.add_done_callback(lambda done: self._pass_on(to, done, future))
         return future
@@ -71,3 +74,15 @@ class LocalPool:
             future.set_result(done.result())
         else:
             future.set_exception(error)
+
+
+@contextmanager
+def _without_main():
+    """Start processes that don't run the user's script again, as spawned ones do: nothing in it is needed there."""
+    main = sys.modules["__main__"]
+    hidden = {name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)}
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        vars(main).update(hidden)
