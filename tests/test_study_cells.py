@@ -7,7 +7,7 @@ import pytest
 
 from whitted.studies import cells as module
 from whitted.studies.cells import Cell, Method, Scene, cells_of, interleaved
-from whitted.studies.coordinator import assembled, summed
+from whitted.studies.finishing import assembled, summed
 from whitted.studies.specification import read
 
 SCENE = Scene("s", "soft_shadows", {}, 0, 16, 10, "abc")

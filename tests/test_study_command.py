@@ -161,6 +161,7 @@ def test_a_scene_that_changes_in_the_middle_fails_alone(tmp_path, monkeypatch):
     assert {message for _, message in found.outcome.failures} == {
         "scene 'mine' has changed since the study began"
     }
+    monkeypatch.undo()
     (tmp_path / "mine.xml").write_text(source)
     assert study(spec, tmp_path / "folder").count() == {"planned": 0, "done": 2 * CELLS, "failed": 0}
 

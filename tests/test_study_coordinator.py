@@ -12,6 +12,7 @@ from whitted.errors import UsageError
 from whitted.studies import rendering, worker
 from whitted.studies.cells import Method, Scene
 from whitted.studies.coordinator import Coordinator
+from whitted.studies.finishing import finished
 from whitted.studies.pools import Worker, WorkerLostError
 from whitted.studies.specification import read
 from whitted.studies.store import Store
@@ -42,8 +43,12 @@ class Pool:
             facts = FACTS | {"host": to.host, "cpu": self.cpu.get(to.host, "x"), "probe": "p"}
             future.set_result(facts)
         else:
-            self.check(to, arguments[0], threads)
-            self.running.append((future, to, arguments[0]))
+            cell = arguments[0]
+            part = arguments[1] if function is rendering.render else cell.whole
+            job = {"timed": cell.timed, "seed": cell.seed, "spp": cell.spp, "part": part, "cell": cell}
+            job |= {"integrator": cell.method.integrator, "function": function}
+            self.check(to, job, threads)
+            self.running.append((future, to, job))
         return future
 
     def check(self, to, job, threads):
@@ -71,7 +76,9 @@ class Pool:
             "from_disk": 0,
         }
         weights = np.full((part.height, part.width), float(job["spp"]))
-        future.set_result({"sums": sums, "weights": weights, "timings": [timing], "same_bits": True})
+        result = {"sums": sums, "weights": weights, "timings": [timing], "same_bits": True}
+        whole = job["function"] is rendering.render_whole
+        future.set_result(finished(job["cell"], {part: result}, None, ()) if whole else result)
 
 
 class Stepping(Coordinator):

@@ -127,13 +127,19 @@ def test_time_ends_it_and_the_same_call_goes_on(tmp_path, whole):
     assert not rendered_twice(folder)
 
 
-def killed(folder, spec, kills, seconds, seed):
-    """Begin a study again and again, and kill it after random seconds; return the cells done at each kill."""
+def killed(folder, spec, kills, seed):
+    """Begin a study again and again, and kill it: at a random moment, or at one after it has done another cell.
+
+    Returns:
+        The number of cells done at each kill.
+    """
     rng = random.Random(seed)
-    done = []
-    for _ in range(kills):
+    done = [0]
+    for number in range(kills):
         process = command("study", spec, "-o", folder)
-        time.sleep(rng.uniform(*seconds))
+        if number % 2:
+            wait_for_pictures(folder, process, done[-1] + 1)
+        time.sleep(rng.uniform(0, 1))
         process.send_signal(signal.SIGKILL)
         process.communicate()
         if os.path.exists(folder / "study.db"):
@@ -148,7 +154,7 @@ def test_killed_at_random_it_ends_as_one_that_ran_through(tmp_path, kills, repli
     spec = toml(tmp_path, replicates=replicates)
     through, stopped = tmp_path / "through", tmp_path / "stopped"
     assert finished("study", spec, "-o", through)[0] == 0
-    done = killed(stopped, spec, kills, (0.5, 3.0), seed=kills)
+    done = killed(stopped, spec, kills, seed=kills)
     code, _, err = finished("study", spec, "-o", stopped)
     assert code == 0, err
     assert contents(stopped) == contents(through)
@@ -172,7 +178,7 @@ def test_a_write_that_is_cut_off_loses_its_cell_alone(whole, when, tmp_path, mon
 
     finish = Store.finish
     targets = {
-        "before the picture": (store_module.image, "write_exr"),
+        "before the picture": (store_module.files, "write"),
         "before the row": (Store, "transaction"),
         "before the commit": (Store, "update"),
     }

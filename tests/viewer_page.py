@@ -57,19 +57,25 @@ def settle(page):
     )
 
 
-def drawn(page, tmp_path):
-    """Return the picture's part of a screenshot, [height, width, 3], and its upper left corner in the window."""
+def screenshot(page, folder, **options):
+    """Return a part of the window, [height, width, 3]; the options are Playwright's."""
+    page.screenshot(path=folder / "screenshot.png", **options)
+    return np.array(mi.Bitmap(str(folder / "screenshot.png")))[..., :3]
+
+
+def drawn(page, folder):
+    """Return the picture's part of the window, [height, width, 3], and its upper left corner there."""
     settle(page)
-    page.add_style_tag(content=".wv-tag, .wv-divider { visibility: hidden }")
-    page.locator(".wv-stage").screenshot(path=tmp_path / "stage.png")
-    page.locator("style").last.evaluate("(style) => style.remove()")
     box = page.locator(".wv-stage").bounding_box()
-    return np.array(mi.Bitmap(str(tmp_path / "stage.png")))[..., :3], (box["x"], box["y"])
+    page.add_style_tag(content=".wv-tag, .wv-divider { visibility: hidden }")
+    image = screenshot(page, folder, clip=box)
+    page.locator("style").last.evaluate("(style) => style.remove()")
+    return image, (box["x"], box["y"])
 
 
-def pixels(page, tmp_path, height=HEIGHT, width=WIDTH):
+def pixels(page, folder, height=HEIGHT, width=WIDTH):
     """Return the colour at the middle of each pixel of pictures that are shown whole."""
-    image, _ = drawn(page, tmp_path)
+    image, _ = drawn(page, folder)
     rows = ((np.arange(height) + 0.5) / height * image.shape[0]).astype(int)
     columns = ((np.arange(width) + 0.5) / width * image.shape[1]).astype(int)
     return image[np.ix_(rows, columns)]

@@ -38,7 +38,8 @@ const TEMPLATE = `
     <span class="wv-number" data-part="exposureValue" aria-hidden="true"></span></label>
   <div class="wv-bar" data-part="bar" role="img"><div data-part="ramp"></div><div data-part="ticks"></div></div>
   <table class="wv-readout" data-part="readout"></table>
-  <details><summary>Keys, while the picture has the focus</summary>
+  <details><summary>Keys and gestures</summary>
+    <p>While the picture has the focus:</p>
     <dl>${KEYS.map(([key, action]) => `<div><dt>${key}</dt><dd>${action}</dd></div>`).join("")}</dl>
     <p>Drag to move; Ctrl (on a Mac ⌘) and the wheel, two fingers, or a double click to zoom.</p></details>
 </div>

@@ -49,6 +49,9 @@ export class Stage {
     viewer.addHandler("tile-drawing", (event) => this.#compose(event));
     viewer.addHandler("viewport-change", () => on.move());
     viewer.addHandler("canvas-click", ({ quick, originalEvent }) => quick && on.pick(this.pixelAt(originalEvent)));
+    viewer.addHandler("canvas-cooperative-gesture", (event) => {
+      event.preventDefaultAction = true; // no message over the picture whenever the page is scrolled
+    });
     viewer.addHandler("canvas-key", (event) => {
       event.preventDefaultAction = on.key(event.originalEvent);
     });

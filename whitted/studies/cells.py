@@ -127,18 +127,10 @@ class Cell:
             for start in range(0, self.spp, samples)
         ]
 
-    def job(self, part):
-        """Return what a worker has to know to render a part, a dict."""
-        return {
-            "scene": self.scene,
-            "integrator": self.method.integrator,
-            "sampler": self.method.sampler,
-            "spp": self.spp,
-            "seed": self.seed,
-            "variant": self.variant,
-            "part": part,
-            "timed": self.timed,
-        }
+    @property
+    def whole(self):
+        """The `Part` that is all of the cell."""
+        return Part(0, 0, self.scene.width, self.scene.height, 0, self.spp)
 
 
 def digest(content):
@@ -160,20 +152,20 @@ def cells_of(specification, scene, methods, reference, versions):
     spec = specification
 
     def cell(role, method, spp, replicate, timed):
-        made = Cell(
-            role, scene, method, method.accepted[spp], replicate, spec.seed, spec.variant, versions, timed
-        )
+        made = Cell(role, scene, method, spp, replicate, spec.seed, spec.variant, versions, timed)
         first = int(digest(made.content | {"role": role}), 16) % STRIDE
         return replace(made, seed=seeds(SIDES[role], first, replicate + 1)[-1])
 
     wanted = spec.reference
-    references = [cell(REFERENCE, reference, wanted.spp, r, False) for r in range(wanted.replicates)]
+    spp = reference.accepted[wanted.spp]
+    references = [cell(REFERENCE, reference, spp, r, False) for r in range(wanted.replicates)]
     timed = spec.replicates if spec.timed is None else spec.timed
-    ladders = [
-        [cell(CELL, method, spp, r, r < timed) for method in methods for spp in spec.spp]
-        for r in range(spec.replicates)
+    # Two steps of a ladder may be rounded to the same samples
+    settings = [
+        (method, n) for method in methods for n in dict.fromkeys(method.accepted[n] for n in spec.spp)
     ]
-    return references, [_distinct(ladder) for ladder in ladders]
+    ladders = [[cell(CELL, *setting, r, r < timed) for setting in settings] for r in range(spec.replicates)]
+    return references, ladders
 
 
 def interleaved(turns, seed):
@@ -190,8 +182,3 @@ def interleaved(turns, seed):
         cells = [cell for one in lists for cell in one]
         order += [cells[i] for i in np.random.default_rng([seed, number]).permutation(len(cells))]
     return order
-
-
-def _distinct(cells):
-    """The cells without those that are there before: two steps of the ladder may round to the same samples."""
-    return list({cell.key: cell for cell in cells}.values())

@@ -12,12 +12,10 @@ from collections import Counter, defaultdict
 from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass
 
-import numpy as np
-
 from whitted.errors import UsageError
 from whitted.studies import rendering, worker
 from whitted.studies.cells import REFERENCE, cells_of, interleaved
-from whitted.studies.errors import Reference, errors_of
+from whitted.studies.finishing import Reference, errors_of, finished
 from whitted.studies.pools import WorkerLostError
 from whitted.studies.queue import Queue, Task
 
@@ -58,6 +56,7 @@ class Coordinator:
         self.machines = {}  # by worker's name: its environment's id and facts; None while that is asked for
         self.busy = {}  # by worker's name: future, worker, task, part
         self.refused = set()  # names of workers with other versions
+        self.holding = defaultdict(set)  # by worker's name: the ids of references that it has
         self.notes, self.failures = [], []
         self.references = {}
         self.metrics = tuple(dict.fromkeys(("mse", *specification.metrics)))  # reports are made of the first
@@ -163,8 +162,22 @@ class Coordinator:
         part = task.parts.pop(0)
         task.running += 1
         threads = each.cores if task.cell.timed else each.share
-        future = self.pool.submit(each, rendering.render, threads, task.cell.job(part))
+        if part == task.cell.whole:
+            arguments = (rendering.render_whole, threads, task.cell, *self._reference_for(each, task.cell))
+        else:
+            arguments = (rendering.render, threads, task.cell, part)
+        future = self.pool.submit(each, *arguments)
         self.busy[each.name] = (future, each, task, part)
+
+    def _reference_for(self, each, cell):
+        """The reference of a cell's scene, without its pixels where the worker has them, and the metrics."""
+        reference = self.references.get(cell.scene.label) if cell.role != REFERENCE else None
+        if reference is None:
+            return None, None, self.metrics
+        has = self.holding[each.name]
+        sent = None if reference.id in has else reference
+        has.add(reference.id)
+        return reference.id, sent, self.metrics
 
     def _may_time(self, each):
         """Whether a worker's machine is of the kind on which cells are timed: at first the most common one."""
@@ -232,6 +245,7 @@ class Coordinator:
     def _lost(self, each, task, part, error):
         """Have the part done again, unless its workers die of it."""
         self.machines.pop(each.name, None)
+        self.holding.pop(each.name, None)
         task.lost += 1
         if task.lost >= TRIES:
             self._failed(task, f"its workers ended {TRIES} times: {error}")
@@ -248,20 +262,17 @@ class Coordinator:
         self._tell(task)
 
     def _finish(self, each, task):
-        """Put the parts together, store the cell, and take its errors."""
+        """Store a cell whose parts are all done, with its errors."""
         cell = task.cell
-        picture = assembled(cell, task.results)
-        timings = summed(task.results.values()) if cell.timed else []
+        found = task.results.get(cell.whole)
+        if found is None:
+            found = finished(cell, task.results, self.references.get(cell.scene.label), self.metrics)
         environment = next(iter(task.environments)) if len(task.environments) == 1 else None
-        same = all(result["same_bits"] for result in task.results.values())
-        self.store.finish(task.attempt, cell, picture, timings, environment, each.cores, same)
+        self.store.finish(task.attempt, cell, found, environment, each.cores)
         self.queue.drop(task)
         self.finished += 1
         if cell.role == REFERENCE:
             self._reference_done(cell.scene.label)
-        elif cell.scene.label in self.references:
-            reference = self.references[cell.scene.label]
-            self.store.add_errors(errors_of(cell.key, picture, reference, self.metrics))
         self._tell(task)
 
     def _reference_done(self, label):
@@ -298,34 +309,6 @@ def _distinct(cells):
         name = f"{cell.scene.label}: {cell.method.label}"
         if called.setdefault(cell.key, name) != name:
             raise UsageError(f"'{called[cell.key]}' and '{name}' are the same")
-
-
-def assembled(cell, results):
-    """Return a cell's picture, ``float32`` [H, W, C], from the results by `Part`; ranges are added in their order."""
-    shape = (cell.scene.height, cell.scene.width)
-    channels = next(iter(results.values()))["sums"].shape[-1]
-    sums, weights = np.zeros((*shape, channels)), np.zeros(shape)
-    for part in sorted(results, key=lambda part: (part.y, part.x, part.start)):
-        window = np.s_[part.y : part.y + part.height, part.x : part.x + part.width]
-        sums[window] += results[part]["sums"]
-        weights[window] += results[part]["weights"]
-    return np.divide(sums, weights[..., None], out=np.zeros_like(sums), where=weights[..., None] > 0).astype(
-        np.float32
-    )
-
-
-def summed(results):
-    """Return a cell's timings from those of its parts, a list of dicts: cold where any part was, and warm."""
-    firsts = [result["timings"][0] for result in results]
-    lasts = [result["timings"][-1] for result in results]
-    whole = [_sum(lasts)]
-    return [_sum(firsts), *whole] if any(len(result["timings"]) > 1 for result in results) else whole
-
-
-def _sum(timings):
-    return {
-        name: None if timings[0][name] is None else sum(t[name] or 0 for t in timings) for name in timings[0]
-    }
 
 
 def _kind(facts):

@@ -22,10 +22,13 @@ from whitted.scene import load
 from whitted.specification import as_dict
 from whitted.specification import integrator as make_integrator
 from whitted.studies.cells import Method, Scene
+from whitted.studies.finishing import finished
 from whitted.tracing import TreePasses, samples_per_pass
 
 KEYED = ("whitted", "mitsuba", "drjit")  # versions that are part of a cell's key
 SCENES = 8  # kept loaded
+
+_references = {}  # by id, those that this process was given: one for each scene of a study
 
 
 def describe(variant, entry, size, choices):
@@ -52,11 +55,29 @@ def describe(variant, entry, size, choices):
     return scene, methods, {name: versions()[name] for name in KEYED}
 
 
-def render(job):
+def render_whole(cell, identity, reference, names):
+    """Render a cell of one part, and finish it.
+
+    Args:
+        cell: `whitted.studies.cells.Cell`.
+        identity, reference: id and `whitted.studies.finishing.Reference` of its scene, which is kept; the latter is
+            None where this process has it, the former too where there is none.
+        names: of metrics.
+
+    Returns:
+        `whitted.studies.finishing.Finished`.
+    """
+    if reference is not None:
+        _references[identity] = reference
+    return finished(cell, {cell.whole: render(cell, cell.whole)}, _references.get(identity), names)
+
+
+def render(cell, part):
     """Render a part of a cell.
 
     Args:
-        job: from `whitted.studies.cells.Cell.job`.
+        cell: `whitted.studies.cells.Cell`.
+        part: `whitted.studies.cells.Part`.
 
     Returns:
         A dict: ``sums`` and ``weights``, ``float64`` [H, W, C] and [H, W]; ``timings``, a list of dicts, see `_timed`,
@@ -65,8 +86,8 @@ def render(job):
     Raises:
         UsageError: the scene has changed, or can't be rendered.
     """
-    _backend.activate(job["variant"])
-    scene = job["scene"]
+    _backend.activate(cell.variant)
+    scene = cell.scene
     begin = clock.perf_counter()
     loaded, camera = _load(
         scene.scene, tuple(sorted(scene.define.items())), scene.sensor, scene.width, scene.height
@@ -74,10 +95,10 @@ def render(job):
     load_seconds = clock.perf_counter() - begin
     if loaded.hash != scene.hash:
         raise UsageError(f"scene '{scene.label}' has changed since the study began")
-    timing, moments = _timed(loaded, camera, job)
+    timing, moments = _timed(loaded, camera, cell, part)
     timings, same = [timing | {"load": load_seconds}], True
-    if job["timed"] and timing["compiled"] + timing["from_disk"]:
-        timing, again = _timed(loaded, camera, job)
+    if cell.timed and timing["compiled"] + timing["from_disk"]:
+        timing, again = _timed(loaded, camera, cell, part)
         same = (again.sums == moments.sums).all() and (again.weights == moments.weights).all()
         timings.append(timing | {"load": None})
     return {
@@ -142,27 +163,24 @@ def _sampler(name, camera, spp):
     return sampler
 
 
-def _timed(loaded, camera, job):
+def _timed(loaded, camera, cell, part):
     """Render a part, and tell what it took.
 
     Returns:
         A dict with seconds: ``trace`` (building kernels in Python), ``compile``, ``execute`` (kernels), ``total``
         (wall); and ``compiled`` and ``from_disk``, numbers of kernels; and the ``Moments``.
     """
-    part = job["part"]
     window = Window(part.x, part.y, part.width, part.height)
-    integrator, _ = make_integrator(job["integrator"])
+    integrator, _ = make_integrator(cell.method.integrator)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.sync_thread()
         dr.kernel_history_clear()
         begin = clock.perf_counter()
-        if job["sampler"] is None:
-            moments = _own_passes(integrator, loaded, camera, window, job["seed"], part)
+        if cell.method.sampler is None:
+            moments = _own_passes(integrator, loaded, camera, window, cell.seed, part)
         else:
-            sampler = _sampler(job["sampler"], camera, job["spp"])
-            passes = SamplerPasses(
-                integrator, loaded.mitsuba, camera, sampler, window, job["seed"], job["spp"]
-            )
+            sampler = _sampler(cell.method.sampler, camera, cell.spp)
+            passes = SamplerPasses(integrator, loaded.mitsuba, camera, sampler, window, cell.seed, cell.spp)
             passes.run()
             moments = passes.moments()
         total = clock.perf_counter() - begin

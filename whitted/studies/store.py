@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from whitted import image
+from whitted import files, image
 from whitted.errors import UsageError
 from whitted.studies import rows, schema
 from whitted.studies.cells import digest
@@ -116,21 +116,19 @@ class Store:
             if outcome == "failed":
                 self.update("cells", key, "key", status="failed", message=message)
 
-    def finish(self, attempt, cell, picture, timings, environment, threads, same_bits):
+    def finish(self, attempt, cell, found, environment, threads):
         """Store a finished cell.
 
         Args:
             attempt: its number.
             cell: `whitted.studies.cells.Cell`.
-            picture: ``float32`` [H, W, C].
-            timings: list of dicts, from `whitted.studies.rendering.render`; empty where seconds don't count.
+            found: `whitted.studies.finishing.Finished`.
             environment: its ``id``, or None if there are several.
             threads: of Dr.Jit.
-            same_bits: whether a second render gave the same bits.
         """
-        path = self._write_picture(cell.key, rows.cell_picture(cell, picture))
+        path = self._write_picture(cell.key, found.file)
         with self.transaction():
-            for timing in timings:
+            for timing in found.timings:
                 warm = int(not timing["compiled"] + timing["from_disk"])
                 row = {
                     "cell": cell.key,
@@ -139,6 +137,8 @@ class Store:
                     "threads": threads,
                 } | timing
                 self.insert("timings", row, "OR REPLACE")
+            for row in found.errors:
+                self.insert("errors", row, "OR REPLACE")
             self.update(
                 "cells",
                 cell.key,
@@ -147,8 +147,8 @@ class Store:
                 message=None,
                 environment=environment,
                 picture=path,
-                image_hash=rows.image_hash(picture),
-                same_bits=int(same_bits),
+                image_hash=found.image_hash,
+                same_bits=int(found.same_bits),
                 finished=_now(),
             )
             self.update("attempts", attempt, ended=_now(), outcome="done")
@@ -181,7 +181,7 @@ class Store:
 
     def add_shares(self, shares, key, picture):
         """Store noise shares, dicts of the columns but ``picture``, and the picture with each pixel's."""
-        path = self._write_picture(key, picture)
+        path = self._write_picture(key, image.encode_exr(picture))
         with self.transaction():
             for row in shares:
                 self.insert("shares", row | {"picture": path}, "OR REPLACE")
@@ -212,10 +212,10 @@ class Store:
         sql = f"UPDATE {table} SET {assignments} WHERE {column} = ?"
         self.database.execute(sql, [*values.values(), identity])
 
-    def _write_picture(self, name, picture):
-        """Write a picture, whole or not at all; return its path within the folder."""
+    def _write_picture(self, name, data):
+        """Write the bytes of a picture, whole or not at all; return its path within the folder."""
         path = f"{PICTURES}/{name}.exr"
-        image.write_exr(self.folder / path, picture)
+        files.write(self.folder / path, data)
         return path
 
     def _make_reference(self, identity, cells, keys):
@@ -226,7 +226,7 @@ class Store:
         stderr = pictures.std(0, ddof=1) / np.sqrt(len(pictures))
         channels = image.layer_channels("", mean) | image.layer_channels("stderr", stderr)
         header = {"samplesPerPixel": cells[0].spp * len(cells), "integrator": cells[0].method.label}
-        path = self._write_picture(f"reference-{identity}", image.Picture(channels, header))
+        path = self._write_picture(f"reference-{identity}", image.encode_exr(image.Picture(channels, header)))
         row = {
             "id": identity,
             "scene": rows.scene_row(cells[0].scene)["id"],
