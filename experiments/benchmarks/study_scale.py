@@ -1,28 +1,30 @@
 """What a study of 10^5 cells on 100 machines would cost, from measured parts, and where it would first break.
 
-The coordinator's work for each cell (planning, handing out, taking in, writing, errors) is measured with cells that
-are not rendered, and set against the time of workers that render each for a given time.
-``python experiments/benchmarks/study_scale.py`` prints a table; it takes three minutes of a quiet machine. Left out: the
+The work that a worker has beside rendering (encoding, errors), and all that the coordinator has to do for a cell, are
+measured with workers that answer at once, and set against a time of rendering.
+``python experiments/benchmarks/study_scale.py`` prints a table; it takes a minute of a quiet machine. Left out: the
 network between machines; bytes are counted instead.
 """
 
-import pickle
 import statistics
 import tempfile
 import time
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
 
-from whitted.stats.metrics import METRICS
-from whitted.studies.cells import Method, Part, Scene, cells_of, interleaved
-from whitted.studies.coordinator import assembled
-from whitted.studies.queue import Queue, Task
+from whitted import image
+from whitted.studies import rendering, worker
+from whitted.studies.cells import Method, Scene, cells_of, interleaved
+from whitted.studies.coordinator import Coordinator
+from whitted.studies.finishing import Reference, finished
+from whitted.studies.pools import Worker
 from whitted.studies.specification import read
 from whitted.studies.store import Store
 
 CELLS, MACHINES, SECONDS = 100_000, 100, 10.0  # of a cell's rendering
-PLANNED = 20_000  # measured, and scaled up
+PLANNED, COORDINATED = 20_000, 1_000  # cells measured, and scaled up
 SIZES = (128, 512)
 TURNS = 9
 SPP = tuple(1 << k for k in range(10))
@@ -74,83 +76,83 @@ def study(side, replicates):
     return spec, scene, methods
 
 
+class Instant:
+    """Workers on machines of their own that have each cell done when they are asked, see `whitted.studies.pools`."""
+
+    def __init__(self, scene, methods, found):
+        self.workers = [Worker(f"w{i}", f"h{i}", 1, 1) for i in range(MACHINES)]
+        self.described = scene, [[method] for method in (*methods, methods[0])], {}
+        self.found = found
+
+    def submit(self, to, function, threads, *arguments):
+        """Have the answer at once."""
+        future = Future()
+        answers = {
+            rendering.describe: self.described,
+            worker.environment: MACHINE,
+            rendering.render_whole: self.found,
+        }
+        future.set_result(answers[function])
+        return future
+
+
 def planning():
-    """Return seconds for each cell: keys and order; rows; handing out."""
+    """Return seconds for each cell until the first begins: keys, order, rows."""
     spec, scene, methods = study(128, PLANNED // (len(SPP) * 10))
     begin = time.perf_counter()
-    _, turns = cells_of(spec, scene, methods, methods[0], {"whitted": "0"})
+    _, turns = cells_of(spec, scene, methods, methods[0], {})
     cells = interleaved([turns], 0)
-    keys = {cell.key for cell in cells}
-    made = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder, Store(Path(folder) / "s", write=True) as store:
         store.begin({})
         store.plan(cells)
-        planned = time.perf_counter()
-        queue = Queue([Task.of(cell) for cell in cells])
-        while queue:
-            queue.drop(queue.take("one", True, True))
-        given = time.perf_counter()
-    count = len(keys)
-    return (made - begin) / count, (planned - made) / count, (given - planned) / count
+    return (time.perf_counter() - begin) / len(cells)
+
+
+def coordinating(side, found):
+    """Return seconds of all that the coordinator does for a cell of which a worker gives ``found``."""
+    spec, scene, methods = study(side, COORDINATED // (len(SPP) * 10))
+    with tempfile.TemporaryDirectory() as folder, Store(Path(folder) / "s", write=True) as store:
+        coordinator = Coordinator(store, Instant(scene, methods, found), spec)
+        begin = time.perf_counter()
+        outcome = coordinator.run()
+        return (time.perf_counter() - begin) / outcome.now
 
 
 def finishing(side):
-    """Return seconds to take in a cell, by step, and the bytes that travel."""
+    """Return seconds of what a worker does with a rendered cell, by step, and what it sends."""
     spec, scene, methods = study(side, 2)
-    _, turns = cells_of(spec, scene, methods, methods[0], {"whitted": "0"})
-    cells = turns[0][:TURNS]
-    rng = np.random.default_rng(0)
-    result = {
-        "sums": rng.random((side, side, 3)),
-        "weights": np.ones((side, side)),
-        "timings": [TIMING],
-        "same_bits": True,
-    }
-    part = Part(0, 0, side, side, 0, 1)
-    truth = rng.random((side, side, 3)).astype(np.float32)
-    steps = {name: [] for name in ("unpickle", "put together", "write", "mse", "flip")}
-    with tempfile.TemporaryDirectory() as folder, Store(Path(folder) / "s", write=True) as store:
-        run = store.begin({})
-        store.plan(cells)
-        machine = store.add_environment(MACHINE)
-        for cell in cells:
-            sent = pickle.dumps(result)
-            marks = [time.perf_counter()]
-            received = pickle.loads(sent)
-            marks.append(time.perf_counter())
-            picture = assembled(cell, {part: received})
-            marks.append(time.perf_counter())
-            attempt = store.attempt(run, cell.key, "one")
-            store.finish(attempt, cell, picture, received["timings"], machine, 1, True)
-            marks.append(time.perf_counter())
-            for name in ("mse", "flip"):
-                METRICS[name](picture, truth)
-                marks.append(time.perf_counter())
-            for name, a, b in zip(steps, marks, marks[1:], strict=False):
-                steps[name].append(b - a)
-        size = sum(path.stat().st_size for path in (Path(folder) / "s/pictures").iterdir()) / len(cells)
-    return {name: statistics.median(values) for name, values in steps.items()}, len(sent), size
+    cells = cells_of(spec, scene, methods, methods[0], {})[1][0][:TURNS]
+    sums = np.random.default_rng(0).random((side, side, 3))
+    result = {"sums": sums, "weights": np.ones((side, side)), "timings": [TIMING], "same_bits": True}
+    truth = image.Picture(image.layer_channels("", sums) | image.layer_channels("stderr", 0.01 * sums))
+    reference = Reference({"id": "r"}, truth)
+    taken = {"mse": [], "mse and flip": []}
+    for cell in cells:
+        for name, times in taken.items():
+            begin = time.perf_counter()
+            finished(cell, {cell.whole: result}, reference, name.split(" and "))
+            times.append(time.perf_counter() - begin)
+    found = finished(cells[0], {cells[0].whole: result}, None, ())
+    return {name: statistics.median(times) for name, times in taken.items()}, found
 
 
 def main():
-    keys, rows, given = planning()
+    planned = planning()
+    print(f"{CELLS} cells: {CELLS * planned:.0f} s before the first begins")
     print(
-        f"planning, for each cell: keys and order {1e6 * keys:.0f} us, rows {1e6 * rows:.0f} us, queue {1e6 * given:.0f} us"
+        f"rendering, {SECONDS:g} s for each cell on {MACHINES} machines: {CELLS * SECONDS / MACHINES / 3600:.1f} h"
     )
-    print(f"  {CELLS} cells: {CELLS * (keys + rows + given):.0f} s before the first begins")
-    rendering = CELLS * SECONDS / MACHINES
-    print(f"rendering, {SECONDS:g} s for each cell on {MACHINES} machines: {rendering / 3600:.1f} h")
     for side in SIZES:
-        steps, sent, size = finishing(side)
-        listed = ", ".join(f"{name} {1000 * value:.1f} ms" for name, value in steps.items())
+        steps, found = finishing(side)
+        own, size = coordinating(side, found), len(found.file)
+        listed = ", ".join(f"with {name} {1000 * value:.0f} ms" for name, value in steps.items())
         print(
-            f"{side}x{side}, taking in a cell: {listed}; {sent / 1e6:.1f} MB travel, {size / 1e6:.2f} MB kept"
+            f"{side}x{side}: a worker encodes a cell {listed}; the coordinator has {1000 * own:.0f} ms of work with it"
         )
-        for metrics in (("mse",), ("mse", "flip")):
-            own = sum(value for name, value in steps.items() if name != "flip" or "flip" in metrics)
-            load = f"{CELLS * own / 3600:.1f} h in all, fully busy from {SECONDS / own:.0f} machines on"
-            print(f"  with {' and '.join(metrics)}: {load}")
-        print(f"  {CELLS * size / 1e9:.0f} GB kept, {MACHINES * sent / SECONDS / 1e6:.0f} MB/s travel")
+        print(
+            f"  coordinator: {CELLS * own / 3600:.1f} h in all, fully busy from {SECONDS / own:.0f} machines on"
+        )
+        print(f"  {CELLS * size / 1e9:.0f} GB kept, {MACHINES * size / SECONDS / 1e6:.0f} MB/s arrive")
 
 
 if __name__ == "__main__":

@@ -55,6 +55,7 @@ class Coordinator:
         self.report, self.stopped = report or (lambda *_: None), stopped
         self.machines = {}  # by worker's name: its environment's id and facts; None while that is asked for
         self.busy = {}  # by worker's name: future, worker, task, part
+        self.timing = set()  # hosts on which a timed cell is rendered
         self.refused = set()  # names of workers with other versions
         self.holding = defaultdict(set)  # by worker's name: the ids of references that it has
         self.notes, self.failures = [], []
@@ -142,7 +143,7 @@ class Coordinator:
     def _give_out(self):
         """Give idle workers something to do."""
         for each in self.pool.workers:
-            if each.name in self.busy or any(w.host == each.host for w in self._timing()):
+            if each.name in self.busy or each.host in self.timing:
                 continue
             if each.name not in self.machines:
                 future = self.pool.submit(each, worker.environment, each.share, self.spec.variant)
@@ -168,6 +169,8 @@ class Coordinator:
             arguments = (rendering.render, threads, task.cell, part)
         future = self.pool.submit(each, *arguments)
         self.busy[each.name] = (future, each, task, part)
+        if task.cell.timed:
+            self.timing.add(each.host)
 
     def _reference_for(self, each, cell):
         """The reference of a cell's scene, without its pixels where the worker has them, and the metrics."""
@@ -189,10 +192,6 @@ class Coordinator:
 
     def _known(self):
         return {name: machine for name, machine in self.machines.items() if machine is not None}
-
-    def _timing(self):
-        """The workers that are at a timed cell."""
-        return [w for _, w, task, _ in self.busy.values() if task is not None and task.cell.timed]
 
     def _collect(self):
         """Wait for a worker, and take what is ready."""
@@ -229,6 +228,8 @@ class Coordinator:
     def _part_done(self, each, task, part, future):
         """Take the result of a part, or what went wrong with it."""
         task.running -= 1
+        if task.cell.timed:
+            self.timing.discard(each.host)
         if task.failed:
             return
         try:
