@@ -84,6 +84,7 @@ def test_names_are_text():
         ([entry(), entry(id="b", radiance=noise(31))], r"b: .*\(31, 48, 3\).*\(32, 48, 3\)"),
         ([entry(radiance=noise(channels=2))], r"a: .*\(32, 48, 2\)"),
         ([entry(radiance=noise()[..., 0])], r"a: .*\(32, 48\)"),
+        ([entry(seconds=float("nan"))], "not JSON compliant"),
         ([entry(stderr=noise(31))], r"a: .*standard error .*\(31, 48, 3\)"),
         ([entry(reference="c")], "a: .*reference c"),
         ([entry(reference="b"), entry(id="b", group="other")], "a: .*reference b"),
@@ -102,6 +103,11 @@ def test_built_from_these_sources():
     pinned = json.loads((WEB / "package.json").read_text())["dependencies"]
     assert pinned
     assert all(f"{name} {version} (" in head for name, version in pinned.items())
+
+
+def test_assets_end_no_element():
+    assert [pictures.script().count(text) for text in ("</script", "<!--")] == [1, 0]
+    assert pictures.style().count("</style") == 1
 
 
 def test_lock_names_no_host():

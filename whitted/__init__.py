@@ -14,13 +14,27 @@ _EXPORTS = {
     "Study": "whitted.studies.study",
     "check": "whitted.comparison",
     "load": "whitted.scene",
+    "noise_shares": "whitted.noise",
     "plan": "whitted.planning",
     "render": "whitted.passes",
     "study": "whitted.studies.study",
     "trace": "whitted.raytree",
 }
 
-__all__ = ["Agreement", "Plan", "Render", "Scene", "Study", "check", "load", "plan", "render", "study", "trace"]
+__all__ = [
+    "Agreement",
+    "Plan",
+    "Render",
+    "Scene",
+    "Study",
+    "check",
+    "load",
+    "noise_shares",
+    "plan",
+    "render",
+    "study",
+    "trace",
+]
 
 
 def __getattr__(name):

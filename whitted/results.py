@@ -232,15 +232,12 @@ class Render:
 
     def _repr_html_(self):
         """Show the picture and a line of facts in a notebook."""
-        import base64
-
         from whitted import tonemap
 
-        data = base64.b64encode(tonemap.encode_png(self.picture().rgb)).decode()
         error = self.error["rmse_estimate"]
         facts = f"{self.scene}, {self.integrator}, {self.spp} spp, {self.seconds['execute']:.2f} s in kernels"
         facts += "" if error is None else f", standard error {error:.2g} (root mean square)"
-        return f'<img src="data:image/png;base64,{data}"><br>{facts}'
+        return f"{tonemap.html_image(self.picture().rgb)}<br>{facts}"
 
 
 def moments_path(path):

@@ -5,6 +5,7 @@ second to import, so that is done when the first picture is tone-mapped. Left ou
 highlights; values past white are clipped, so that equal greys mean equal radiance.
 """
 
+import base64
 import warnings
 
 import numpy as np
@@ -47,6 +48,11 @@ def encode_png(rgb, exposure=0.0, chromaticities=None):
     stream = mi.MemoryStream()
     mi.Bitmap(tone_map(rgb, exposure, chromaticities)).write(stream, mi.Bitmap.FileFormat.PNG)
     return bytes(stream.raw_buffer())
+
+
+def html_image(rgb):
+    """Return linear radiance as an HTML image."""
+    return f'<img src="data:image/png;base64,{base64.b64encode(encode_png(rgb)).decode()}">'
 
 
 def write_png(path, rgb, exposure=0.0, chromaticities=None):

@@ -42,6 +42,7 @@ class TreePasses:
         self.source = window.grown(self.sums.border, self.size, beyond=film.sample_border())
         self.rays = dict.fromkeys(KINDS if counted else (), 0)
         self.truncation = None
+        self.drawn = set()  # the effects for which numbers were drawn
 
     @property
     def lanes(self):
@@ -70,6 +71,7 @@ class TreePasses:
             block = dr.arange(mi.UInt32, grid.lanes) // BLOCK**2
             for name, loss in zip(given_up, losses, strict=True):
                 dr.scatter_reduce(dr.ReduceOp.Add, loss, found[name], block, active)
+            self.drawn = draws.drawn
             dr.eval(values, offset if self.sums.border else None, losses, tally)
             self.sums.add(grid, self.groups.pieces(start, stop), values, offset)
         for kind, count in zip(self.rays, tally.numpy(), strict=True):

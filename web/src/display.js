@@ -27,9 +27,9 @@ const logarithmic = {
 };
 
 /**
- * Each mode has a `label`, `start` (the exposure it begins with, in stops), and unless it shows colours: `unit`, what
- * its values are relative to; `value(picture, reference, pixel)`; `map`, 256 colours; `position(value)` on the colour
- * bar, 0..1; and `ticks`, values of the bar at exposure 0. At exposure e a value shows as 2^e of it would.
+ * Each mode has a `label` and `start`, the exposure it begins with, in stops. Unless it shows colours it has
+ * `value(picture, reference, pixel)`, NaN where there is none; `map`, 256 colours; `position(value)` on the colour bar,
+ * 0..1; and `ticks`, values on the bar at exposure 0. At exposure e a value shows as 2^e times it does at 0.
  */
 export const MODES = {
   colour: { label: "Colour", start: 0 },

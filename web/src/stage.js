@@ -30,7 +30,7 @@ export class Stage {
       drawer: "canvas",
       showNavigationControl: false, // its images would be fetched
       animationTime: matchMedia("(prefers-reduced-motion: reduce)").matches ? 0 : 0.4,
-       // the wheel scrolls the page; with Ctrl it zooms
+      cooperativeGestures: true, // the wheel scrolls the page; with Ctrl it zooms
       gestureSettingsMouse: { clickToZoom: false, dblClickToZoom: true },
       gestureSettingsPen: { clickToZoom: false, dblClickToZoom: true },
       maxZoomPixelRatio: LARGEST_ZOOM,

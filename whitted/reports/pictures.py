@@ -57,8 +57,8 @@ def encode(planes, bits=RADIANCE_BITS):
     """Return numbers as base64 text, which the viewer and `decode` read.
 
     Args:
-        planes: [height, width, channels]; kept as ``float32``. Zero, infinity and NaN (which NaN is lost) are kept
-            exactly, and numbers below 1e-38 to within 1e-42.
+        planes: [height, width, channels]; kept as ``float32``. Zero and infinity are kept exactly, NaN as one
+            of its kinds, and numbers below 1e-38 to within 2e-42.
         bits: of the mantissa that are kept, 1 to 22: the relative error is at most ``2**-(bits + 1)``.
     """
     values = np.array(planes, np.float32, order="C")
@@ -86,11 +86,11 @@ def viewer(entries, identifier="pictures"):
         identifier: an HTML id that nothing else in the page has.
 
     Raises:
-        ValueError: there are no pictures, two have one id, those of a scene differ in shape, or a reference isn't
-            among its scene's.
+        ValueError: there are no pictures, an id is no id or there twice, a scene's differ in shape, a reference isn't
+            among them, or samples or seconds are no finite number.
     """
     _check(entries)
-    manifest = json.dumps([_facts(entry) for entry in entries]).replace("<", "\\u003c")
+    manifest = json.dumps([_facts(entry) for entry in entries], allow_nan=False).replace("<", "\\u003c")
     place = f'<div class="whitted-viewer" data-manifest="{escape(identifier)}"></div>'
     return "\n".join(
         [

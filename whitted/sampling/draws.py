@@ -25,7 +25,7 @@ class Draws:
     Args:
         pixel: ``UInt32`` [N], the pixel's number in the whole film, so that a crop draws the same numbers.
         index: ``UInt32`` [N], the sample's number within the pixel.
-        seed: ``UInt32`` [N or 1]; different seeds give independent randomisations.
+        seed: ``UInt32`` [N or 1], or `Switched`; different seeds give independent randomisations.
         block: ``UInt32`` [N], the number of the pixel's block; audits are decided alike in a whole block.
         joint: from (name in ``EFFECTS``, node) to the first of two dimensions of the point; see ``joint_dimensions``.
         bits: ``int``, the index is below ``2**bits``.
@@ -34,6 +34,7 @@ class Draws:
     def __init__(self, pixel, index, seed, block, joint=None, bits=32):
         self.pixel, self.index, self.seed, self.block = pixel, index, seed, block
         self.joint, self.bits = joint or {}, bits
+        self.drawn = set()  # the effects that numbers were asked for, also of copies
         self.state = None
 
     def __call__(self, effect, node=0, split=0):
@@ -44,9 +45,11 @@ class Draws:
             node: ``UInt32`` [N].
             split: ``int`` or ``UInt32``, tells several draws for one effect at one node apart.
         """
+        self.drawn.update([effect] if isinstance(effect, str) else effect[1:])
         key = mi.UInt32(split) * len(EFFECTS) + _number(effect)
         node = mi.UInt32(node)
-        order, *seeds = hash4(self.pixel, key, self.seed, node)[1:]
+        seed = self.seed.of(_number(effect)) if isinstance(self.seed, Switched) else self.seed
+        order, *seeds = hash4(self.pixel, key, seed, node)[1:]
         joint = self._joint(effect, node) if isinstance(split, int) and split == 0 else {}
         if not joint:
             return sobol_2d(self.index, (order, *seeds))
@@ -88,7 +91,28 @@ class Draws:
 
         It is the same in all pixels of a block, so that their rays stay together.
         """
-        return to_unit(hash4(self.block, self.index, self.seed + AUDIT, mi.UInt32(node))[0])
+        seed = self.seed.one if isinstance(self.seed, Switched) else self.seed
+        return to_unit(hash4(self.block, self.index, seed + AUDIT, mi.UInt32(node))[0])
+
+
+class Switched:
+    """Seeds of which one effect has another than the rest.
+
+    Which one is data, so that one kernel serves for all of them.
+
+    Args:
+        one: ``UInt32`` [N or 1].
+        other: ``UInt32`` [N or 1], the seed of the draws for ``effect``.
+        effect: one of ``EFFECTS``; None: all have ``one``.
+    """
+
+    def __init__(self, one, other, effect=None):
+        number = len(EFFECTS) if effect is None else EFFECTS.index(effect)
+        self.one, self.other, self.number = one, other, dr.opaque(mi.UInt32, number)
+
+    def of(self, number):
+        """Return the seed of an effect, given by its number in ``EFFECTS`` (``int`` or ``UInt32`` [N])."""
+        return dr.select(self.number == number, self.other, self.one)
 
 
 def joint_dimensions(plan):

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from whitted.sampling.draws import Switched
+
 SEGMENTS = 8
 
 
@@ -64,6 +66,33 @@ class Replicates:
         for offset in range(min(self.count, stop - start)):
             first = start + offset
             yield first % self.count, first, self.count, -(-(stop - first) // self.count)
+
+
+@dataclass(frozen=True)
+class Evaluations(Replicates):
+    """Replicates of which one effect's numbers are taken from others, for Sobol' indices by pick-freeze.
+
+    Evaluation ``r`` has two independent seeds; all draws have the first, but those for ``effect`` the second.
+
+    Args:
+        first: number of the first evaluation; ``count`` is how many there are, 2 or more.
+        effect: one of ``whitted.sampling.draws.EFFECTS``; None: all draws have the first seed.
+        swapped: the seeds change places.
+    """
+
+    first: int = 0
+    effect: str | None = None
+    swapped: bool = False
+
+    def number(self, t):
+        """Return the index within its sequence (``UInt32``) and the seeds (`Switched`) of the samples ``t``."""
+        numbers = range(self.first, self.first + self.count)
+        pair = [
+            dr.concat([opaque_seed(self.seed, 2 * number + side) for number in numbers])
+            for side in ((1, 0) if self.swapped else (0, 1))
+        ]
+        one, other = (dr.gather(mi.UInt32, seeds, t % self.count) for seeds in pair)
+        return t // self.count, Switched(one, other, self.effect)
 
 
 def opaque_seed(seed, replicate=0):

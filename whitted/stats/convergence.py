@@ -45,9 +45,9 @@ def slope(n, errors, reference_variance=0.0, level=0.95, seed=0):
     .. math:: \log \mathrm{RMSE}(n) = a + b \log n, \qquad
               \mathrm{RMSE}(n)^2 = \frac{1}{R} \sum_r \mathrm{MSE}_r(n)
 
-    Its interval is the bootstrap-t over whole replicates. Those of 2000 ladders of slope -1/2 with 16 replicates held
-    it in 94.8 % of cases with chi-square errors of 8 degrees of freedom, in 94.0 % with 2, and in 94.3 % with
-    lognormal ones of sigma 1.
+    Its interval is the bootstrap-t over whole replicates. Of 2000 ladders of slope -1/2, 4 to 256 samples and 16
+    replicates, 95.5 % held it where the errors were normal, 94.6 and 94.4 % where they were chi-square of 8 and 2
+    degrees of freedom, and 92.8 % where they were lognormal of sigma 1.
 
     Args:
         n: [K], samples, > 0.

@@ -1,8 +1,8 @@
 r"""Are a few values most of the error? Heavy tails of pixels' errors and of replicates, found and said in plain words.
 
-If the probability of an error beyond x falls as :math:`x^{-\alpha}`, the index :math:`\alpha` tells which means exist: up
-to 2 there is no variance, and no mean squared error settles however many samples are taken. Source: [Hill1975] for the
-index. Left out: what caused the tail, and removing it.
+If the probability of an error beyond x falls as :math:`x^{-\alpha}`, the index :math:`\alpha` tells which means exist:
+up to 2 there is no variance, and a mean squared error doesn't settle however many values it is of. Source: [Hill1975]
+for the index. Left out: what caused the tail, and removing it.
 """
 
 from dataclasses import dataclass
@@ -87,13 +87,15 @@ class ReplicateTail:
 def pixel_tail(errors, level=0.95):
     r"""Return the `PixelTail` of a picture's errors.
 
-    With the distances :math:`e_{(1)} \ge e_{(2)} \ge \dots` between picture and reference, and k one in a hundred, Hill's
-    estimate is
+    With the pixels' distances :math:`e_{(1)} \ge e_{(2)} \ge \dots`, and k one in a hundred of them, Hill's estimate is
 
     .. math:: 1 / \hat\alpha = \frac{1}{k} \sum_{i \le k} \log(e_{(i)} / e_{(k+1)})
 
     Not trusted are an index of at most 2 and a share of half the squared error in 0.1 % of the pixels: the former sees
-    tails, the latter a handful of fireflies. Of 1000 pictures of 10^4 pixels each NORMALS
+    tails, the latter a handful of fireflies. False alarms in 1000 pictures of 10^4 pixels: none where errors are
+    normal, lognormal of sigma 1, or normal of a lognormal spread, 0.3 % where they have index 3. Found: 99.5 % of
+    those with index 1.5, and all with three pixels of a thousandfold error. Pictures of 1000 pixels are too small for
+    it: 0, 6, 16 and 6.5 % false alarms.
 
     Args:
         errors: [..., C], picture minus reference; C channels are one pixel. Pixels with a value that is no number are
@@ -113,7 +115,10 @@ def replicate_tail(running, level=0.95):
     """Return the `ReplicateTail` of a `Running` over replicates.
 
     Not trusted is a kurtosis of at least half of what is possible: then most of the variance is in pixels where one
-    replicate has nearly all of it. REPLICATE
+    replicate has nearly all of it. False alarms with 16 replicates of 1024 pixels: none where they are normal or
+    exponential, nor where they are means of 64 samples that are lognormal of sigma 1 or have index 3; found were all
+    with samples of index 1.5. Of single samples it warns of index 3 as well, and rightly: 16 of them don't show their
+    variance.
 
     Args:
         running: `Running` of R replicates, [..., C]; pixels are taken as independent, channels as one.
