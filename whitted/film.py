@@ -13,6 +13,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from whitted.errors import UsageError
 from whitted.sampling.draws import Draws, joint_dimensions
 
 BLOCK = 4  # pixels of a block's side; neighbours share a SIMD packet, and so their rays stay together
@@ -168,6 +169,29 @@ def cropped(sensor, window=None):
         yield own
     finally:
         _set_crop(sensor, own)
+
+
+@contextmanager
+def windowed(sensor, crop=None):
+    """Undo the film's crop for a while; yield the ``Window`` of the crop wanted, else the film's.
+
+    Args:
+        sensor: ``mi.Sensor``.
+        crop: x, y, width, height in pixels, or None.
+
+    Raises:
+        UsageError: the crop doesn't lie in the film.
+    """
+    with cropped(sensor) as window:
+        if crop is not None:
+            window = Window(*(int(n) for n in crop))
+            width, height = (int(n) for n in sensor.film().size())
+            fits = 0 <= window.x < window.x + window.width <= width
+            if not (fits and 0 <= window.y < window.y + window.height <= height):
+                raise UsageError(
+                    f"crop {','.join(map(str, crop))} doesn't lie in the film of {width}x{height} pixels"
+                )
+        yield window
 
 
 def resize(sensor, width, height):

@@ -17,7 +17,7 @@ import numpy as np
 from whitted import _backend, denormals, image
 from whitted.effects import chosen
 from whitted.errors import UsageError
-from whitted.film import cropped, luminance
+from whitted.film import luminance, windowed
 from whitted.sampling.draws import EFFECTS
 from whitted.sampling.groups import Evaluations
 from whitted.scene import as_scene
@@ -139,12 +139,13 @@ def noise_shares(
     freeze=(),
     seed=0,
     sensor=0,
+    crop=None,
     progress=None,
 ):
     """Measure where the noise of a picture comes from.
 
     Args:
-        scene, integrator, effects, sensor: as for ``whitted.render``; the integrator has to be one of ours.
+        scene, integrator, effects, sensor, crop: as for ``whitted.render``; the integrator has to be one of ours.
         evaluations: pairs of independent pictures, 4 or more; the cost is that of as many times the number of effects
             drawn for and 2 more.
         spp: samples per pixel of an evaluation.
@@ -171,7 +172,7 @@ def noise_shares(
     camera = scene.mitsuba.sensors()[sensor]
     world = made.world(scene.mitsuba)
     plan = made.plan(world, camera, scene.name).without([FROZEN[name] for name in freeze], "frozen")
-    with cropped(camera) as window, denormals.flushed():
+    with windowed(camera, crop) as window, denormals.flushed():
         evaluate = _Evaluate(made, world, camera, plan, window, seed, spp)
         found, done = None, 0
         while done < evaluations:

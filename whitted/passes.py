@@ -6,7 +6,7 @@ Memory doesn't grow with the number of samples: a pass has a bounded number of l
 import math
 import time as clock
 import warnings
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 
 import drjit as dr
 import mitsuba as mi
@@ -15,7 +15,7 @@ import numpy as np
 from whitted import _backend
 from whitted.effects import chosen
 from whitted.errors import UsageError
-from whitted.film import Window, colours, cropped
+from whitted.film import colours, windowed
 from whitted.interrupt import stop_on_signals
 from whitted.progress import Progress, bar
 from whitted.results import Render
@@ -87,7 +87,7 @@ def render(
     if hasattr(integrator, "estimate"):
         world = integrator.world(scene.mitsuba)  # refuses what it can't render
         plan = integrator.plan(world, camera, scene.name)
-    with _window(camera, crop) as window:
+    with windowed(camera, crop) as window:
         if world is None:
             passes = MitsubaPasses(integrator, scene.mitsuba, camera, window, seed, replicates, spp)
         else:
@@ -275,21 +275,6 @@ def _check_limits(spp, time, target_error, replicates):
         raise UsageError(f"replicates is {replicates}; accepted are 1 to 1024")
     if spp is not None and replicates > spp:
         raise UsageError(f"replicates is {replicates}, more than the {spp} samples per pixel")
-
-
-@contextmanager
-def _window(sensor, crop):
-    """Undo the film's crop for a while; yield the ``Window`` of the crop wanted, else the film's."""
-    with cropped(sensor) as window:
-        if crop is not None:
-            window = Window(*(int(n) for n in crop))
-            width, height = (int(n) for n in sensor.film().size())
-            fits = 0 <= window.x < window.x + window.width <= width
-            if not (fits and 0 <= window.y < window.y + window.height <= height):
-                raise UsageError(
-                    f"crop {','.join(map(str, crop))} doesn't lie in the film of {width}x{height} pixels"
-                )
-        yield window
 
 
 def _relative_error(moments):

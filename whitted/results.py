@@ -71,6 +71,7 @@ class Render:
         window: the pixels held, ``Window`` within a film of ``size`` (width, height).
         plan: `whitted.effects.Plan`, what is simulated and why; None where the integrator doesn't tell.
         error_kind: ``replicates``, or ``segments (upper bound)``.
+        shares: `whitted.noise.Shares`, or None where they weren't measured.
     """
 
     moments: Moments = field(repr=False)
@@ -92,6 +93,7 @@ class Render:
     replicates: int
     error_kind: str
     plan: object = field(default=None, repr=False)
+    shares: object = field(default=None, repr=False)
 
     @property
     def effects(self):
@@ -165,6 +167,7 @@ class Render:
             "truncation": self.truncation.to_dict() if self.truncation else None,
             "nonfinite": self.nonfinite,
             "error": self.error,
+            "shares": self.shares.to_dict() if self.shares else None,
             "versions": versions(),
         }
 
@@ -179,6 +182,8 @@ class Render:
         channels["spp.Y"] = np.full(colours.shape[:2], self.spp, np.float32)
         if self.lost is not None:
             channels["lost.Y"] = self.lost
+        if self.shares is not None:
+            channels |= self.shares.channels()
         header = {
             "samplesPerPixel": self.spp,
             "renderTimeSeconds": self.seconds["execute"],
@@ -193,6 +198,7 @@ class Render:
             "sceneHash": self.scene_hash,
             "partial": int(self.partial),
             "errorKind": self.error["kind"],
+            "noiseShares": json.dumps(self.shares.to_dict()) if self.shares else None,
             **{f"{name}Version": number for name, number in versions().items()},
         }
         return image.Picture(channels, header, (self.window.x, self.window.y), self.size)

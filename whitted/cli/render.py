@@ -61,6 +61,14 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
     callback=_parse_earlier,
     help="Add samples to this picture: --spp more, by default those it lacks, else as many again.",
 )
+@click.option(
+    "--shares",
+    type=click.IntRange(4, 1 << 16),
+    is_flag=False,
+    flag_value=64,
+    metavar="[N]",
+    help="Also measure which effect makes the noise, with N evaluations, by default 64.",
+)
 @click.option("--stats", metavar="F.json", help="Write rays, seconds and errors as JSON.")
 @click.option("--png", is_flag=True, help="Write a PNG too: values above 1 are cut, sRGB transfer function.")
 @options.output(".exr")
@@ -69,12 +77,15 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
 @options.defines
 @options.threads
 @options.verbose
-def command(scene, integrator, earlier, stats, png, output, sensor, defines, width, height, **settings):
+def command(
+    scene, integrator, earlier, stats, png, output, sensor, defines, width, height, shares, **settings
+):
     """Render SCENE to an EXR file with its standard error; by default NAME.exr in the working folder.
 
-    Beside it lie the sums (NAME.moments.npz) with which --continue goes on. Exits with 3 where the picture is
-    partial (stopped by a signal, or by --time before --spp or --target-error was met), with 4 where samples that
-    aren't finite were met.
+    With --shares it also has the share of each pixel's variance that an effect makes, and with --png their false
+    colours are NAME.shares.png. Beside it lie the sums (NAME.moments.npz) with which --continue goes on. Exits with 3
+    where the picture is partial (stopped by a signal, or by --time before --spp or --target-error was met), with 4
+    where samples that aren't finite were met.
     """
     begin = time.perf_counter()
     import whitted
@@ -89,6 +100,7 @@ def command(scene, integrator, earlier, stats, png, output, sensor, defines, wid
     options.check_sensor(loaded, sensor)
     _resize(loaded.mitsuba.sensors()[sensor], width, height)
     resume = results.Render.read(earlier) if earlier else None
+    measured = _measured_shares(loaded, integrator, sensor, shares, settings) if shares else None
     with options.notes():
         found = passes.render(
             loaded,
@@ -104,22 +116,42 @@ def command(scene, integrator, earlier, stats, png, output, sensor, defines, wid
             resume=resume,
             progress=True,
         )
+    found.shares = measured
     found.write(output)
     if png:
         from whitted import tonemap
 
         tonemap.write_png(output.with_suffix(".png"), found.picture().rgb)
+        if found.shares:
+            tonemap.write_png(output.with_suffix(".shares.png"), found.shares.false_colour())
     if stats is not None:
         facts = found.to_dict()
         facts["seconds"] = {"import": imported} | facts["seconds"]
         results.write_stats(stats, facts)
     click.echo(_summary(found, output))
+    if found.shares:
+        click.echo(str(found.shares))
     if found.nonfinite:
         click.echo(f"whitted: {found.nonfinite} samples weren't finite and are left out", err=True)
     if found.partial:
         click.echo(f"whitted: stopped early, at {found.spp} samples per pixel; --continue goes on", err=True)
         return PARTIAL
     return NONFINITE if found.nonfinite else 0
+
+
+def _measured_shares(scene, integrator, sensor, evaluations, settings):
+    """What makes the noise of one sample, as `whitted.noise.Shares`."""
+    from whitted.noise import noise_shares
+
+    return noise_shares(
+        scene,
+        integrator,
+        evaluations=evaluations,
+        effects=settings["effects"],
+        seed=settings["seed"],
+        sensor=sensor,
+        crop=settings["crop"],
+    )
 
 
 def _resize(sensor, width, height):

@@ -41,7 +41,7 @@ class PixelTail:
 
     def __str__(self):
         """Say what was found in one sentence."""
-        share = f"0.1 % of the pixels hold {100 * self.top_share:.2g} % of the squared error"
+        share = f"0.1 % of the pixels hold {100 * self.top_share:.3g} % of the squared error"
         index = f"the largest errors fall off with index {self.index}"
         if not np.isfinite(self.index.value):
             index = "there are too few errors for an index of their tail"
