@@ -161,7 +161,7 @@ def test_squared_biases_against_a_noisy_reference(bias):
 @pytest.mark.long
 def test_errors_and_variances_of_decompositions():
     rng, found = np.random.default_rng(7), []
-    for _ in range(2000):
+    for _ in range(4000):
         images = 0.3 + rng.standard_normal((REPLICATES, 12, 12, 1))
         parts = decompose(images, 0.1 * rng.standard_normal((12, 12, 1)), 0.01)
         found.append((parts.mse.holds(1.09), parts.variance.holds(1)))
@@ -174,15 +174,14 @@ def curve(rng, error, cost, noise):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("paired", [True, False])
-def test_ratios_at_equal_time_and_at_equal_error(paired):
-    """Times strayed by 5 %; of 1000 studies the share held has a standard error of 0.7 %."""
+@pytest.mark.parametrize(("ratio", "at", "paired"), [(ratio_at, 0.05, False), (cost_ratio_at, 0.2, True)])
+def test_ratios_at_equal_time_and_at_equal_error(ratio, at, paired):
+    """Times strayed by 5 %; of 400 studies the share held has a standard error of 1.1 %, of which 3 are allowed."""
     rng, found = np.random.default_rng(8), []
-    for _ in range(1000):
+    for _ in range(400):
         a, b = curve(rng, 2.0, 1e-3, 0.05), curve(rng, 1.0, 1e-3, 0.05)
-        ratios = ratio_at(a, b, 0.05, paired=paired), cost_ratio_at(a, b, 0.2, paired=paired)
-        found.append([ratio.holds(2) for ratio in ratios])
-    assert all(within(share) for share in np.mean(found, axis=0))
+        found.append(ratio(a, b, at, paired=paired).holds(2))
+    assert 0.917 <= np.mean(found) <= 0.983
 
 
 @pytest.mark.long

@@ -117,6 +117,24 @@ def test_some_are_timed_alone_and_the_others_run_beside(tmp_path):
     assert not [(a, s) for a, b in alone for s, e, _ in spans if (s, e) != (a, b) and s < b and e > a]
 
 
+def test_noise_shares_of_our_own_methods_are_measured_once(tmp_path):
+    spec = TOY | {"shares": 8, "effects": ["auto", "all"]}
+    found = study(spec, tmp_path / "shares")
+    shares = rows(
+        found.folder, "SELECT label, effect, total, picture FROM shares JOIN methods ON id = method"
+    )
+    assert {label for label, *_ in shares} == {
+        f"distribution:max_depth=2, effects {e}" for e in ("auto", "all")
+    }
+    assert {effect for _, effect, *_ in shares} >= {"pixel", "light"}
+    picture = image.read(found.folder / shares[0][3])
+    assert f"share.{shares[0][1]}.Y" in picture.channels
+    assert "noiseShares" in picture.header
+    before = {path: path.stat().st_mtime_ns for path in found.folder.glob("pictures/shares-*")}
+    study(spec, found.folder)
+    assert before == {path: path.stat().st_mtime_ns for path in found.folder.glob("pictures/shares-*")}
+
+
 def test_time_ends_it_and_the_same_call_goes_on(tmp_path, whole):
     folder = tmp_path / "short"
     short = study(TOY, folder, time=1e-3)

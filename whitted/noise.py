@@ -145,12 +145,13 @@ def noise_shares(
     """Measure where the noise of a picture comes from.
 
     Args:
-        scene, integrator, effects, sensor, crop: as for ``whitted.render``; the integrator has to be one of ours.
+        scene, integrator, effects, crop: as for ``whitted.render``; the integrator has to be one of ours.
         evaluations: pairs of independent pictures, 4 or more; the cost is that of as many times the number of effects
             drawn for and 2 more.
         spp: samples per pixel of an evaluation.
         freeze: names of draws that are held at the centre: ``pixel``, ``lens``, ``time``.
         seed: ``int``.
+        sensor: the sensor's number, or an ``mi.Sensor``.
         progress: is called with the evaluations done and wanted.
 
     Returns:
@@ -169,7 +170,7 @@ def noise_shares(
             f"noise shares: {name} doesn't tell what its random numbers are for; take one of ours"
         )
     _check(evaluations, spp, freeze)
-    camera = scene.mitsuba.sensors()[sensor]
+    camera = scene.mitsuba.sensors()[sensor] if isinstance(sensor, int) else sensor
     world = made.world(scene.mitsuba)
     plan = made.plan(world, camera, scene.name).without([FROZEN[name] for name in freeze], "frozen")
     with windowed(camera, crop) as window, denormals.flushed():

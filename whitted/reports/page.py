@@ -1,12 +1,13 @@
 """A study's report: one HTML file that needs nothing else, with plots, tables and a viewer of the pictures."""
 
+import base64
 import json
 from datetime import datetime
 from importlib.resources import files as resources
 
 import numpy as np
 
-from whitted import files
+from whitted import files, tonemap
 from whitted.reports import pictures, plots
 from whitted.studies.analysis import analyse
 from whitted.studies.store import Store
@@ -62,7 +63,7 @@ def render(folder, errors=()):
             folder=study.folder.name,
             count=study.count(),
             date=datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
-            scenes=[_section(i, scene, styles) for i, scene in enumerate(scenes)],
+            scenes=[_section(store, i, scene, styles) for i, scene in enumerate(scenes)],
             machines=[_machine(row) for row in store.query("SELECT * FROM environments")],
             failures=store.query("SELECT DISTINCT message FROM cells WHERE status = 'failed' AND wanted = 1"),
             titles=TITLES,
@@ -101,7 +102,7 @@ def _machine(row):
     return row | {"versions": json.loads(row["versions"])}
 
 
-def _section(number, scene, styles):
+def _section(store, number, scene, styles):
     """What the template needs of a scene."""
     timed = all(ladder.seconds is not None for ladder in scene.ladders.values())
     figures = [("errors-spp", "RMSE against samples per pixel", plots.errors(scene, "spp", styles))]
@@ -116,6 +117,7 @@ def _section(number, scene, styles):
             for name, title, figure in figures
         ],
         "shares": _shares_figure(number, scene),
+        "noise": [_false_colours(store, name, rows) for name, rows in scene.shares.items()],
         "rows": [_row(name, ladder) for name, ladder in scene.ladders.items()],
         "headline": _headline(scene, timed),
         "colours": {name: style[0] for name, style in styles.items()},
@@ -174,7 +176,24 @@ def _shares_figure(number, scene):
         for name, rows in scene.shares.items()
     ]
     text = f"Shares of the variance on {scene.label}, interactions included. " + "; ".join(words) + "."
-    return {"id": f"shares-{number}", "title": "What makes the noise", "json": _json(figure), "text": text}
+    return {
+        "id": f"shares-{number}",
+        "title": "Share of the variance by effect",
+        "json": _json(figure),
+        "text": text,
+    }
+
+
+def _false_colours(store, name, rows):
+    """The picture of what makes the noise, as a data URL, with its title."""
+    picture = store.picture(rows[0]["picture"])
+    data = base64.b64encode(tonemap.encode_png(picture.rgb)).decode()
+    return {
+        "name": name,
+        "url": f"data:image/png;base64,{data}",
+        "width": picture.width,
+        "height": picture.height,
+    }
 
 
 def _json(figure):

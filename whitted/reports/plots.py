@@ -128,9 +128,10 @@ def shares(scene):
         hovertemplate="of several together<br>%{x:.1%}<extra></extra>",
     )
     layout = _layout(
-        {"range": [0, 1], "tickformat": ".0%", "title": "share of the variance"}, {"autorange": "reversed"}
+        {"range": [0, 1], "tickformat": ".0%", "title": "share of the variance"},
+        {"autorange": "reversed", "automargin": True},
     )
-    figure.update_layout(layout, barmode="stack", height=120 + 46 * len(names))
+    figure.update_layout(layout, barmode="stack", legend_traceorder="normal", height=120 + 46 * len(names))
     return figure
 
 

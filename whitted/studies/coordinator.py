@@ -13,7 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass
 
 from whitted.errors import UsageError
-from whitted.studies import rendering, worker
+from whitted.studies import rendering, rows, worker
 from whitted.studies.cells import REFERENCE, cells_of, interleaved
 from whitted.studies.finishing import Reference, errors_of, finished
 from whitted.studies.pools import WorkerLostError
@@ -65,7 +65,7 @@ class Coordinator:
 
     def run(self):
         """Render what isn't done; return the `Outcome`."""
-        begin = clock.monotonic()
+        self.begin = clock.monotonic()
         self.number = self.store.begin(self.spec.to_dict())
         self._plan()
         done = self.store.done()
@@ -76,21 +76,27 @@ class Coordinator:
         self.kind = self._timed_before()
         for scene in self.reference_cells:
             self._reference_done(scene)
-        limit = self.spec.time
         while self.queue or self.busy:
-            is_over = self.stopped() or (limit is not None and clock.monotonic() - begin >= limit)
-            if not is_over:
+            if not self._is_over():
                 self._give_out()
             elif not self.busy:
                 break
             self._collect()
         for task in self.queue.begun:
             self.store.give_up(task.attempt, task.cell.key, "stopped", None)
+        if not self._is_over():
+            self._measure_shares()
         left = self.wanted - self.before - self.finished - len(self.failures)
         outcome = "stopped" if left else "failed" if self.failures else "done"
         self.store.end(self.number, outcome)
         return Outcome(
             outcome, self.wanted, self.before, self.finished, tuple(self.failures), tuple(self.notes)
+        )
+
+    def _is_over(self):
+        """Whether nothing more is to begin."""
+        return self.stopped() or (
+            self.spec.time is not None and clock.monotonic() - self.begin >= self.spec.time
         )
 
     def _plan(self):
@@ -110,7 +116,7 @@ class Coordinator:
             {"integrator": wanted.integrator, "label": label, "samplers": (wanted.sampler,),
              "effects": ("auto",), "spp": (wanted.spp,)}
         )  # fmt: skip
-        self.reference_cells, turns = {}, []
+        self.reference_cells, self.own, turns = {}, [], []
         for entry in spec.scenes:
             size = (spec.width, spec.height)
             described = self.pool.submit(
@@ -124,6 +130,7 @@ class Coordinator:
             flat = [method for group in own for method in group]
             self.reference_cells[scene.label], ladders = cells_of(spec, scene, flat, reference, self.versions)
             turns.append(ladders)
+            self.own += [(scene, method) for method in flat if method.sampler is None]
         self.cells = interleaved(turns, spec.seed)
         _distinct(self.cells)
         references = [cell for cells in self.reference_cells.values() for cell in cells]
@@ -295,6 +302,33 @@ class Coordinator:
             if names:
                 pixels = self.store.pixels(cell["picture"])
                 self.store.add_errors(errors_of(cell["key"], pixels, reference, names))
+
+    def _measure_shares(self):
+        """Have the noise shares of our own methods measured that aren't in the store, where the study asks for them."""
+        count = self.spec.shares
+        known = {
+            row["method"]
+            for row in self.store.query("SELECT method FROM shares WHERE evaluations = ?", count)
+        }
+        lacking = [
+            (rows.method_row(scene, method)["id"], scene, method)
+            for scene, method in self.own
+            if count and rows.method_row(scene, method)["id"] not in known
+        ]
+        there = [each for each in self.pool.workers if each.name not in self.refused]
+        asked = []
+        for number, (identity, scene, method) in enumerate(lacking):
+            each = there[number % len(there)]
+            arguments = self.spec.variant, scene, method, count, self.spec.seed
+            future = self.pool.submit(each, rendering.measure_shares, each.share, *arguments)
+            asked.append((identity, f"{scene.label}: {method.label}", future))
+        for identity, name, future in asked:
+            try:
+                shares, file = future.result()
+            except Exception as error:
+                self.notes.append(f"{name}: no noise shares: {_line(error)}")
+            else:
+                self.store.add_shares(identity, shares, file)
 
     def _tell(self, task):
         done = self.before + self.finished + len(self.failures)

@@ -17,7 +17,9 @@ def merge(store, other):
     """
     ours = {row["key"]: row for row in store.query("SELECT * FROM cells")}
     theirs = other.query("SELECT * FROM cells")
-    for row in [r for r in theirs if r["picture"]] + other.query("SELECT picture FROM reference_pictures"):
+    for row in [r for r in theirs if r["picture"]] + other.query(
+        "SELECT picture FROM reference_pictures UNION SELECT picture FROM shares"
+    ):
         target = store.folder / row["picture"]
         if not target.exists():
             _copy(other.folder / row["picture"], target)

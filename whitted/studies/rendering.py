@@ -13,7 +13,9 @@ from whitted import _backend
 from whitted.effects import chosen
 from whitted.errors import UsageError, nearest
 from whitted.film import Window, colours, resize
+from whitted.image import encode_exr
 from whitted.messages import plugin_names
+from whitted.noise import noise_shares
 from whitted.replicates import box_sensor
 from whitted.results import versions
 from whitted.sampler_passes import SamplerPasses
@@ -89,9 +91,7 @@ def render(cell, part):
     _backend.activate(cell.variant)
     scene = cell.scene
     begin = clock.perf_counter()
-    loaded, camera = _load(
-        scene.scene, tuple(sorted(scene.define.items())), scene.sensor, scene.width, scene.height
-    )
+    loaded, camera = _load_as(scene)
     load_seconds = clock.perf_counter() - begin
     if loaded.hash != scene.hash:
         raise UsageError(f"scene '{scene.label}' has changed since the study began")
@@ -107,6 +107,27 @@ def render(cell, part):
         "timings": timings,
         "same_bits": bool(same),
     }
+
+
+def measure_shares(variant, scene, method, evaluations, seed):
+    """Return the `whitted.noise.Shares` of one sample by a method of ours, and their picture as bytes of an EXR file.
+
+    Args:
+        variant: of Mitsuba.
+        scene, method: `Scene`, `Method`.
+        evaluations, seed: as for `whitted.noise.noise_shares`.
+    """
+    _backend.activate(variant)
+    loaded, camera = _load_as(scene)
+    made, _ = make_integrator(method.integrator)
+    found = noise_shares(loaded, made, evaluations=evaluations, seed=seed, sensor=camera)
+    return found.to_dict(), encode_exr(found.picture())
+
+
+def _load_as(scene):
+    """A `Scene` loaded, with its sensor."""
+    define = tuple(sorted(scene.define.items()))
+    return _load(scene.scene, define, scene.sensor, scene.width, scene.height)
 
 
 @functools.lru_cache(maxsize=SCENES)

@@ -179,12 +179,21 @@ class Store:
             for row in errors:
                 self.insert("errors", row, "OR REPLACE")
 
-    def add_shares(self, shares, key, picture):
-        """Store noise shares, dicts of the columns but ``picture``, and the picture with each pixel's."""
-        path = self._write_picture(key, image.encode_exr(picture))
+    def add_shares(self, method, shares, file):
+        """Store the noise shares of a method, as `whitted.noise.Shares.to_dict` has them, and their EXR file."""
+        path = self._write_picture(f"shares-{method}", file)
         with self.transaction():
-            for row in shares:
-                self.insert("shares", row | {"picture": path}, "OR REPLACE")
+            for effect, found in shares["effects"].items():
+                row = {"method": method, "effect": effect, "picture": path}
+                row |= {name: shares[name] for name in ("spp", "evaluations")}
+                for kind in ("total", "first"):
+                    interval = found[kind]
+                    row |= {
+                        kind: interval["value"],
+                        f"{kind}_low": interval["low"],
+                        f"{kind}_high": interval["high"],
+                    }
+                self.insert("shares", row, "OR REPLACE")
 
     @contextmanager
     def transaction(self):
