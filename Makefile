@@ -11,10 +11,10 @@ NEW_PYTHON := $(firstword $(foreach python,$(PYTHON) python3.11 python3.12 pytho
 PIP := -m pip --disable-pip-version-check --quiet
 SOURCES := $(shell find whitted integrators scenes -type f -not -name '*.pyc' 2>/dev/null) README.md LICENSE
 
-.PHONY: help demo test test-long benchmarks lint format clean
+.PHONY: help demo test test-long benchmarks studies studies-paper viewer lint format clean
 
 help: ## say what there is
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: .venv/ready ## render the shipped pictures and prove them against Mitsuba's path tracer
 	.venv/bin/python experiments/demo.py
@@ -26,10 +26,21 @@ test: .venv-test/ready ## build the wheel, install it, and run the tests against
 test-long: .venv-test/ready ## run the tests that take minutes, such as the rate of false alarms
 	PYTHONSAFEPATH=1 WHITTED_TEST_WHEEL=1 .venv-test/bin/python -m pytest -m long $(PYTEST_FLAGS)
 
-benchmarks: .venv/ready ## measure all tables of docs/accuracy.md and README.md: two hours of a quiet machine
-	@for script in benchmarks/{distribution,ablations,rays,path,povray} replicate_cost; do \
+benchmarks: .venv/ready ## measure all tables of docs/*.md and README.md: two hours of a quiet machine
+	@for script in benchmarks/{distribution,ablations,rays,path,povray,study_scale} replicate_cost; do \
 	    echo "== $$script"; .venv/bin/python experiments/$$script.py; \
 	done
+
+STUDIES := soft_shadows gloss depth_of_field whitted_vs_path samplers
+
+studies: .venv/ready ## render the shipped studies in their small size, with a report of each in out/studies
+	$(call run_studies,small)
+
+studies-paper: .venv/ready ## the same in the size for papers: half an hour for each, and it goes on where it was stopped
+	$(call run_studies,paper)
+
+viewer: ## build the report's picture viewer from web/, which needs Node.js
+	cd web && npm ci && npm run build
 
 lint: .venv/ready ## check style and format
 	.venv/bin/ruff check
@@ -65,4 +76,12 @@ define new_environment
 @test -x $(1)/bin/python && $(1)/bin/python $(PIP) --version >/dev/null 2>&1 || $(NEW_PYTHON) -m venv --clear $(1) \
     || { echo 'error: $(NEW_PYTHON) cannot make a virtual environment: apt install python3-venv' >&2; exit 1; }
 @echo '*' > $(1)/.gitignore
+endef
+
+define run_studies
+@mkdir -p out/studies
+@for study in $(STUDIES); do \
+    .venv/bin/whitted study $$study --size $(1) -o out/studies/$$study-$(1) && \
+    .venv/bin/whitted report out/studies/$$study-$(1) -o out/studies/$$study-$(1).html || exit 1; \
+done
 endef

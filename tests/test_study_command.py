@@ -11,7 +11,6 @@ import pytest
 from commands import refused
 from studies import CELLS, TOY, command, contents, copied, finished, rows, toml, wait_for_pictures
 
-from whitted.errors import UsageError
 from whitted.studies import schema
 from whitted.studies.store import Store
 from whitted.studies.study import study
@@ -213,8 +212,3 @@ def test_the_workers_of_a_study_end_with_it(tmp_path):
             break
         time.sleep(0.05)
     assert not left
-
-
-def test_a_study_of_nothing_that_can_be_read(tmp_path):
-    with pytest.raises(UsageError, match="no study lies there"):
-        Store(tmp_path)

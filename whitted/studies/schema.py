@@ -196,11 +196,19 @@ def statements():
 
 
 def describe():
-    """Return the tables as Markdown."""
-    lines = []
+    """Return the tables as Markdown, the text of ``docs/store.md``."""
+    lines = [
+        "# The tables of a study's database",
+        "",
+        f"`study.db` in a study's folder, version {VERSION} (`PRAGMA user_version`). [studies.md](studies.md) has an"
+        " example of a query. Times of day are UTC, durations seconds.",
+    ]
     for table, (meaning, columns) in TABLES.items():
-        lines += [f"### `{table}`", "", meaning, "", "| column | type | meaning |", "|---|---|---|"]
+        lines += ["", f"## `{table}`", "", meaning, "", "| column | type | meaning |", "|---|---|---|"]
         for name, (kind, text) in columns.items():
-            lines.append(f"| `{name}` | {kind.split(' REFERENCES')[0].replace(' NOT NULL', '')} | {text} |")
-        lines += ["", f"Unique: {UNIQUE[table]}." if table in UNIQUE else "", ""]
-    return "\n".join(lines).replace("\n\n\n", "\n\n")
+            kind, _, other = kind.partition(" REFERENCES ")
+            link = f" ([`{other}`](#{other}))" if other else ""
+            lines.append(f"| `{name}` | {kind.replace(' NOT NULL', '')} | {text}{link} |")
+        if table in UNIQUE:
+            lines += ["", f"One row for each {UNIQUE[table]}."]
+    return "\n".join(lines) + "\n"
