@@ -22,12 +22,13 @@ from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
-from equal_time import Curve, advantage, combined, common_seconds, squared_error
+from combining import combined, squared_error
 
 from whitted import files
 from whitted.kernels import timed
 from whitted.replicates import box_sensor, replicate, seeds
 from whitted.stats.agreement import assess
+from whitted.stats.curves import Curve, advantage, common_cost, ratio_at
 
 FOLDER = Path("out/comparison")
 SAMPLERS = ("independent", "stratified", "multijitter", "orthogonal", "ldsampler")
@@ -244,12 +245,12 @@ def mitsuba_pairs(found):
 
 
 def advantages(found, ours):
-    """Return the time of comparison, the name of Mitsuba's best pair, and the `Ratio` to it and to the weakest."""
+    """Return the time of comparison, the name of Mitsuba's best pair, and the `Interval` to it and to the weakest."""
     made = curves(found)
-    seconds = common_seconds(made.values())
+    seconds = common_cost(made.values())
     pairs = mitsuba_pairs(found)
-    to_best = advantage(made[ours], [made[label] for label in pairs], seconds)
-    return seconds, pairs[to_best.best], to_best, advantage(made[ours], [made[WEAKEST]], seconds)
+    to_best, best = advantage(made[ours], [made[label] for label in pairs], seconds)
+    return seconds, pairs[best], to_best, ratio_at(made[WEAKEST], made[ours], seconds)
 
 
 def maps(found, reference):
@@ -267,7 +268,7 @@ def maps(found, reference):
         values = zip(stored["spp"].tolist(), stored["pictures"], stored["errors"], strict=True)
     else:
         bench, made = Bench(settings["scene"], settings["side"]), curves(found)
-        values = [_map(bench, label, made[label].spp_at(seconds), reference) for label in labels]
+        values = [_map(bench, label, made[label].spp_in(seconds), reference) for label in labels]
         spp, pictures, errors = map(np.array, zip(*values, strict=True))
         _save(kept, labels=labels, spp=spp, pictures=pictures, errors=errors)
     return {

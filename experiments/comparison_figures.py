@@ -76,7 +76,7 @@ def errors(found, path):
 
 
 def _line(axis, x, band, label, style, order):
-    mean, low, high = band
+    mean, low, high = band.value, band.low, band.high
     floor = mean[mean > 0].min(initial=np.inf) / 10  # an interval may reach below 0, which has no logarithm
     axis.plot(x, mean, label=label, markersize=4, zorder=order, **style)
     axis.fill_between(

@@ -21,13 +21,14 @@ import timing
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # where the statistics are shared with the comparisons
 
-from equal_time import Curve, advantage, common_seconds, squared_error
+from combining import squared_error
 
 from whitted import film
 from whitted.kernels import timed
 from whitted.lights import bounded, tree, warp
 from whitted.replicates import box_sensor, replicate, seeds
 from whitted.sampling.draws import joint_dimensions
+from whitted.stats.curves import Curve, common_cost, ratio_at
 from whitted.world import World
 
 SIDE = 256
@@ -235,7 +236,7 @@ def measure_one(ablation):
     with_it, without = (side.curve for side in sides)
     shortest = max(side.span[0] for side in (with_it, without))
     early, late = (
-        advantage(with_it, [without], seconds) for seconds in (shortest, common_seconds([with_it, without]))
+        ratio_at(without, with_it, seconds) for seconds in (shortest, common_cost([with_it, without]))
     )
     slower = timing.ratio(with_it.seconds[:, -1], without.seconds[:, -1])
     noise = without.errors[:, -1].mean() / with_it.errors[:, -1].mean()

@@ -50,7 +50,9 @@ def references(measured):
     rows = [("scene", "Mitsuba's side", "variance of the reference / smallest error", bias_column, "tests")]
     for name, (found, _) in measured.items():
         reference = found["reference"]
-        share = reference["variance"] / min(c.band()[0].min() for c in comparison.curves(found).values())
+        share = reference["variance"] / min(
+            c.errors.mean(axis=0).min() for c in comparison.curves(found).values()
+        )
         text = f"{share:.3f} {'' if 0 <= share < comparison.TENTH else '(MISSED, below 0.1)'}"
         low, high = reference["image"]["interval"]
         bias = f"{100 * reference['image']['value']:+.4f} % [{100 * low:+.4f}, {100 * high:+.4f}]"
