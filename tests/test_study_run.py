@@ -258,7 +258,10 @@ def test_one_at_a_time(whole):
 
 
 def test_it_shows_itself(whole):
-    assert "toy" in whole._repr_html_()
+    shown = whole._repr_html_()
+    assert all(
+        text in shown for text in ("toy", f"{CELLS} cells done", "path:max_depth=2, owen_sobol", "<td>4</td>")
+    )
     assert whole.to_dict()["count"]["done"] == CELLS
     assert whole.specification["replicates"] == 3
 

@@ -270,6 +270,13 @@ def _warnings(store, own, reference):
     differing = store.query(sql, reference["scene"])[0]["number"]
     if differing:
         yield f"{differing} cells gave other bits when they were rendered again."
+    probes = store.query(
+        "SELECT DISTINCT probe FROM environments JOIN cells ON cells.environment = environments.id"
+        " WHERE cells.scene = ? AND wanted = 1",
+        reference["scene"],
+    )
+    if len(probes) > 1:
+        yield "Pictures are of machines whose last bits differ; the column probe of environments tells which."
     machines = store.query(
         "SELECT DISTINCT cpu, cores FROM timings JOIN environments ON environments.id = timings.environment"
         " JOIN cells ON key = cell WHERE scene = ? AND cells.wanted = 1 AND warm = 1",

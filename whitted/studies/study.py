@@ -6,9 +6,11 @@ from contextlib import closing
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from whitted import files
 from whitted.interrupt import stop_on_signals
-from whitted.studies import export, worker
+from whitted.studies import analysis, export, worker
 from whitted.studies.coordinator import Coordinator
 from whitted.studies.pools import LocalPool
 from whitted.studies.specification import read
@@ -101,9 +103,32 @@ class Study:
             export.write(path, self.rows())
 
     def _repr_html_(self):
+        """Show each method's error and seconds at the most samples."""
         count = self.count()
         title = html.escape(self.specification.get("title") or str(self.folder))
-        return f"<b>{title}</b><br>{count['done']} cells done, {count['planned']} to do, {count['failed']} failed"
+        head = f"<b>{title}</b><br>{count['done']} cells done, {count['planned']} to do, {count['failed']} failed"
+        with Store(self.folder) as store:
+            found = analysis.ladders(store)
+        rows = [
+            (
+                scene,
+                name,
+                ladder.spp[-1],
+                f"{max(ladder.errors[:, -1].mean(), 0) ** 0.5:.3g}",
+                _seconds(ladder),
+            )
+            for scene, ladders in found.items()
+            for name, ladder in ladders.items()
+        ]
+        cells = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(str(v))}</td>" for v in row) + "</tr>" for row in rows
+        )
+        names = "".join(f"<th>{name}</th>" for name in ("scene", "method", "spp", "RMSE", "seconds"))
+        return f"{head}<table><tr>{names}</tr>{cells}</table>"
+
+
+def _seconds(ladder):
+    return "" if ladder.seconds is None else f"{np.nanmedian(ladder.seconds[:, -1]):.3g}"
 
 
 def _pool(scheduler, workers):
