@@ -28,6 +28,15 @@ def test_values_by_hand():
     assert found.unbiased_mse is None
 
 
+def test_metrics_are_asked_for_by_name():
+    """Each but those of sight is what `compare` gives."""
+    found = metrics.compare(I, R)
+    for name, metric in metrics.METRICS.items():
+        if name not in metrics.PERCEPTUAL:
+            assert metric(I, R) == getattr(found, name), name
+    assert all(name in metrics.METRICS for name in metrics.PERCEPTUAL)
+
+
 def test_equal_pictures():
     found = metrics.compare(np.zeros((2, 2, 3)), np.zeros((2, 2, 3)))
     assert (found.mse, found.rel_mse, found.smape, found.psnr) == (0, 0, 0, math.inf)

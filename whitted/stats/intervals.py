@@ -183,7 +183,7 @@ def _with_errors(statistic, weights):
     variance = np.zeros(value.shape)
     for i, own in enumerate(weights):
         count = own.shape[1]
-        others = [np.repeat(w[:, None], count, axis=1) for w in weights]
+        others = [np.broadcast_to(w[:, None], (len(w), count, w.shape[1])) for w in weights]
         others[i] = own[:, None] - np.eye(count)
         drawn = own.reshape(own.shape + (1,) * (value.ndim - 1))
         without = np.where(drawn > 0, statistic(*others), 0.0)

@@ -1,7 +1,8 @@
 r"""Error metrics between two pictures: ``image`` I and ``reference`` R, arrays (H, W, C) of linear radiance.
 
 Each is a mean over pixels and channels. Where the pictures carry standard errors :math:`\sigma_I, \sigma_R`,
-noise is taken out of the squared error, and means get errors of their own. Left out: perceptual metrics.
+noise is taken out of the squared error, and means get errors of their own. Those of sight are in
+`whitted.stats.perceptual`. Left out: structural similarity.
 """
 
 import math
@@ -77,6 +78,11 @@ def mse(image, reference):
     return float(np.mean((image - reference) ** 2))
 
 
+def rmse(image, reference):
+    """Return the root of `mse`."""
+    return math.sqrt(mse(image, reference))
+
+
 def rel_mse(image, reference, epsilon=None):
     r"""Return :math:`\overline{(I - R)^2 / (R^2 + \epsilon)}`.
 
@@ -140,26 +146,19 @@ def _mean_ratio(above, below):
     return float(np.mean(np.divide(above, below, out=np.zeros_like(above, float), where=below > 0)))
 
 
-def flip(image, reference):
-    """Return the mean FLIP error, see `whitted.stats.perceptual.flip`."""
-    from whitted.stats import perceptual
+def _flip(image, reference):
+    from whitted.stats.perceptual import flip
 
-    return perceptual.flip(image, reference)[0]
-
-
-def ciede2000(image, reference):
-    """Return the mean colour difference, see `whitted.stats.perceptual.ciede2000`."""
-    from whitted.stats import perceptual
-
-    return perceptual.ciede2000(image, reference)[0]
+    return flip(image, reference)[0]
 
 
-def rmse(image, reference):
-    r"""Return the root of the mean squared error."""
-    return math.sqrt(mse(image, reference))
+def _ciede2000(image, reference):
+    from whitted.stats.perceptual import ciede2000
+
+    return ciede2000(image, reference)[0]
 
 
-# By the name under which a study asks for them: image and reference, (H, W, C), to a number
+# By the name under which a study asks for them: image and reference, (H, W, C), to a number.
 METRICS = {
     "mse": mse,
     "rmse": rmse,
@@ -169,6 +168,7 @@ METRICS = {
     "p99": p99,
     "psnr": psnr,
     "bias": bias,
-    "flip": flip,
-    "ciede2000": ciede2000,
+    "flip": _flip,
+    "ciede2000": _ciede2000,
 }
+PERCEPTUAL = frozenset({"flip", "ciede2000"})  # what people see: a second to load, slower, and not for proofs

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 from whitted.errors import UsageError
 from whitted.studies import rendering, rows, worker
-from whitted.studies.cells import REFERENCE, cells_of, interleaved
+from whitted.studies.cells import REFERENCE
 from whitted.studies.finishing import Reference, errors_of, finished
+from whitted.studies.matrix import matrix_of
 from whitted.studies.pools import WorkerLostError
 from whitted.studies.queue import Queue, Task
 
@@ -59,7 +60,7 @@ class Coordinator:
         self.refused = set()  # names of workers with other versions
         self.holding = defaultdict(set)  # by worker's name: the ids of references that it has
         self.notes, self.failures = [], []
-        self.references = {}
+        self.references = {}  # by scene's label, those that are made
         self.metrics = tuple(dict.fromkeys(("mse", *specification.metrics)))  # reports are made of the first
         self.finished = 0
 
@@ -67,14 +68,14 @@ class Coordinator:
         """Render what isn't done; return the `Outcome`."""
         self.begin = clock.monotonic()
         self.number = self.store.begin(self.spec.to_dict())
-        self._plan()
+        self.matrix = matrix_of(self.spec, self.pool)
+        self.store.plan(self.matrix.listed)
         done = self.store.done()
-        cells = [*(c for cells in self.reference_cells.values() for c in cells), *self.cells]
-        tasks = [Task.of(cell) for cell in cells if cell.key not in done]
+        tasks = [Task.of(cell) for cell in self.matrix.ordered if cell.key not in done]
         self.queue = Queue(tasks)
-        self.wanted, self.before = len(cells), len(cells) - len(tasks)
+        self.wanted, self.before = len(self.matrix.ordered), len(self.matrix.ordered) - len(tasks)
         self.kind = self._timed_before()
-        for scene in self.reference_cells:
+        for scene in self.matrix.references:
             self._reference_done(scene)
         while self.queue or self.busy:
             if not self._is_over():
@@ -98,46 +99,6 @@ class Coordinator:
         return self.stopped() or (
             self.spec.time is not None and clock.monotonic() - self.begin >= self.spec.time
         )
-
-    def _plan(self):
-        """Have scenes and methods described; note all cells."""
-        spec = self.spec
-        wanted = spec.reference
-        first = self.pool.workers[0]
-        choices = [
-            {"integrator": entry.integrator, "label": entry.label, "samplers": spec.samplers,
-             "effects": spec.effects, "spp": spec.spp}
-            for entry in spec.integrators
-        ]  # fmt: skip
-        label = (
-            wanted.integrator if isinstance(wanted.integrator, str) else wanted.integrator.get("type", "?")
-        )
-        choices.append(
-            {"integrator": wanted.integrator, "label": label, "samplers": (wanted.sampler,),
-             "effects": ("auto",), "spp": (wanted.spp,)}
-        )  # fmt: skip
-        self.reference_cells, self.own, turns = {}, [], []
-        for entry in spec.scenes:
-            size = (spec.width, spec.height)
-            described = self.pool.submit(
-                first, rendering.describe, first.cores, spec.variant, entry, size, choices
-            )
-            try:
-                scene, methods, self.versions = described.result()
-            except WorkerLostError as error:
-                raise UsageError(f"scene '{entry.label}': the process that loaded it ended") from error
-            *own, (reference,) = methods
-            flat = [method for group in own for method in group]
-            self.reference_cells[scene.label], ladders = cells_of(spec, scene, flat, reference, self.versions)
-            turns.append(ladders)
-            self.own += [(scene, method) for method in flat if method.sampler is None]
-        self.cells = interleaved(turns, spec.seed)
-        _distinct(self.cells)
-        references = [cell for cells in self.reference_cells.values() for cell in cells]
-        in_order = [
-            cell for ladders in turns for ladder in ladders for cell in ladder
-        ]  # as the study lists them
-        self.store.plan(references + in_order)
 
     def _timed_before(self):
         """The kind of machine on which cells of this store have been timed, or None."""
@@ -224,12 +185,14 @@ class Coordinator:
             del self.machines[each.name]
             return
         found = json.loads(facts["versions"])
-        other = next((name for name, number in self.versions.items() if found.get(name) != number), None)
+        other = next(
+            (name for name, number in self.matrix.versions.items() if found.get(name) != number), None
+        )
         if other is None:
             self.machines[each.name] = (self.store.add_environment(facts), facts)
             return
         self.refused.add(each.name)
-        has = f"{other} {found.get(other)}, not {self.versions[other]}"
+        has = f"{other} {found.get(other)}, not {self.matrix.versions[other]}"
         self.notes.append(f"worker {each.name} is left out: it has {has}")
 
     def _part_done(self, each, task, part, future):
@@ -285,7 +248,7 @@ class Coordinator:
 
     def _reference_done(self, label):
         """Once all cells of a scene's reference are done, make the reference, and take what errors are missing."""
-        cells = self.reference_cells[label]
+        cells = self.matrix.references[label]
         if label in self.references or not {cell.key for cell in cells} <= self.store.done():
             return
         row = self.store.add_reference(cells)
@@ -312,7 +275,7 @@ class Coordinator:
         }
         lacking = [
             (rows.method_row(scene, method)["id"], scene, method)
-            for scene, method in self.own
+            for scene, method in self.matrix.own
             if count and rows.method_row(scene, method)["id"] not in known
         ]
         there = [each for each in self.pool.workers if each.name not in self.refused]
@@ -335,15 +298,6 @@ class Coordinator:
         self.report(
             done, self.wanted, f"{task.cell.scene.label}: {task.cell.method.label}, {task.cell.spp} spp"
         )
-
-
-def _distinct(cells):
-    """Refuse a study in which two scenes, or two methods of a scene, are the same but for what they are called."""
-    called = {}
-    for cell in cells:
-        name = f"{cell.scene.label}: {cell.method.label}"
-        if called.setdefault(cell.key, name) != name:
-            raise UsageError(f"'{called[cell.key]}' and '{name}' are the same")
 
 
 def _kind(facts):
