@@ -79,7 +79,20 @@ def decode(text, shape):
 
 
 def viewer(entries, identifier="pictures"):
-    """Return the HTML of a viewer; the page needs `script` and `style` once.
+    """Return the HTML of a viewer with its data; the page needs `script` and `style` once.
+
+    The arguments and errors are those of `data`.
+    """
+    return f"{place(identifier)}\n{data(entries, identifier)}"
+
+
+def place(identifier="pictures"):
+    """Return the HTML of the element where the viewer appears."""
+    return f'<div class="whitted-viewer" data-manifest="{escape(identifier)}"></div>'
+
+
+def data(entries, identifier="pictures"):
+    """Return the HTML of a viewer's data, which may stand anywhere in the page: best at its end, since it is long.
 
     Args:
         entries: of `Entry`; a scene's come in the order in which it offers them, and its first two are shown.
@@ -91,14 +104,8 @@ def viewer(entries, identifier="pictures"):
     """
     _check(entries)
     manifest = json.dumps([_facts(entry) for entry in entries], allow_nan=False).replace("<", "\\u003c")
-    place = f'<div class="whitted-viewer" data-manifest="{escape(identifier)}"></div>'
-    return "\n".join(
-        [
-            place,
-            _element("application/json", identifier, manifest, ' class="whitted-viewer-data"'),
-            *(line for entry in entries for line in _data(entry)),
-        ]
-    )
+    head = _element("application/json", identifier, manifest, ' class="whitted-viewer-data"')
+    return "\n".join([head, *(line for entry in entries for line in _data(entry))])
 
 
 def script():
