@@ -61,6 +61,18 @@ def test_times_out_of_order_give_a_curve():
     assert made.at(1.5) == pytest.approx(2 * 1.5 ** -(np.log(2) / np.log(3)), rel=1e-4)
 
 
+def test_equal_times_bound_nothing():
+    """Renders so short that noise orders their times: a resample with equal ones says nothing of other times."""
+    errors = np.array([[0.012, 0.0033, 0.0008]])
+    equal = Curve(np.array([1, 4, 16]), np.full((1, 3), 2.1e-3), errors)
+    assert equal.at(1.1e-3) == np.inf
+    assert equal.at(4.2e-3) == 0
+    times = np.array([[2.1e-3, 2.1e-3, 2.1e-3]] * 3 + [[0.2e-3, 0.5e-3, 4.9e-3]] * 5)
+    noisy = Curve(np.array([1, 4, 16]), times, np.repeat(errors, 8, axis=0))
+    found = ratio_at(noisy, curve(noise=0.1), 1.1e-3, paired=False)
+    assert found.low < found.value < found.high == np.inf
+
+
 def test_an_error_that_rises_is_reached_when_it_was_lower():
     made = Curve(np.array([1, 4, 16, 64]), None, np.array([[4.0, 1.0, 2.0, 0.25]]))
     assert made.cost_at(1.0) == pytest.approx(4)

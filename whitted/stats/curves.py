@@ -235,6 +235,7 @@ def _power(x, y, at):
     (x0, x1), (y0, y1) = (
         [np.take_along_axis(a, i + k, axis=-1)[..., 0] for k in (0, 1)] for a in np.broadcast_arrays(x, y)
     )
-    with np.errstate(divide="ignore", invalid="ignore"):
+    # Two costs that are nearly equal continue so steeply that the result may be infinite
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         slope = np.log(y1 / y0) / np.log(x1 / x0)
         return np.where((y0 > 0) & (y1 > 0), y0 * (at / x0) ** slope, np.nan)[()]

@@ -122,8 +122,9 @@ def bootstrap_t(statistic, *counts, level=0.95, resamples=1999, seed=0, scale="l
 
     .. math:: [\hat\theta - t^*_{1-\alpha/2}\, \hat\sigma,\; \hat\theta - t^*_{\alpha/2}\, \hat\sigma]
 
-    A resample in which the statistic is not defined, such as the logarithm of a mean that has become negative, counts
-    as further off than all others, on both sides; where that are too many the interval is unbounded.
+    A resample in which the statistic or its error is not defined or infinite, such as the logarithm of a mean that has
+    become negative, counts as further off than all others, on both sides; where that are too many the interval is
+    unbounded.
 
     Args:
         statistic: function of one array of weights [..., R] for each sample, of equal leading axes; returns [...], or
@@ -141,7 +142,7 @@ def bootstrap_t(statistic, *counts, level=0.95, resamples=1999, seed=0, scale="l
         raise ValueError(f"scale is {scale!r}; accepted are {' and '.join(SCALES)}")
 
     def scaled(*weights):
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             value = statistic(*weights)
             return np.log(value) if scale == "log" else np.asarray(value)
 
@@ -197,7 +198,8 @@ def _with_errors(statistic, weights):
 def _studentised(value, error, values, errors, level):
     """Return the ends of the interval, from those [B, ...] of the resamples."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        t = np.where(values == value, 0.0, (values - value) / errors)
+        t = np.where(np.isfinite(errors), (values - value) / errors, np.nan)
+        t = np.where(values == value, 0.0, t)
         upper, lower = (np.where(np.isnan(t), sign * np.inf, t) for sign in (1, -1))
         low = value - _order_statistic(upper, (1 + level) / 2) * error
         high = value - _order_statistic(lower, (1 - level) / 2) * error
