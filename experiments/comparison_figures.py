@@ -48,7 +48,7 @@ def errors(found, path):
                 lines[f"{integrator} {sampler}"] = {"color": colour, "marker": ".", "linewidth": 1.3}
             for label, style in lines.items():
                 curve = made[label]
-                x = curve.spp if row == 0 else np.median(curve.seconds, axis=0)
+                x = curve.spp if row == 0 else curve.costs()
                 own = label in STYLES
                 _line(
                     axis, x, curve.band(), label if own else label.rpartition(" ")[2], style, 4 if own else 2

@@ -47,7 +47,7 @@ def errors(scene, styles):
     )
     for axis, name in zip(axes[0], names, strict=True):
         for label, ladder in scene.ladders.items():
-            x = ladder.spp if name == "samples per pixel" else np.nanmedian(ladder.seconds, axis=0)
+            x = ladder.spp if name == "samples per pixel" else ladder.curve.costs()
             band = ladder.curve_of_samples.band()
             value, low, high = (np.sqrt(np.maximum(v, 0)) for v in (band.value, band.low, band.high))
             shown = value > 0

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from whitted.stats.curves import Curve, advantage, cheapest, common_cost, cost_ratio_at, ratio_at
+from whitted.stats.intervals import midmean
 
 SPP = np.array([4, 16, 64, 256])
 
@@ -33,16 +34,16 @@ def test_a_power_of_the_time_is_interpolated_exactly():
         assert made.spp_at(error**0.5).value == pytest.approx(spp, rel=1e-12)
 
 
-def test_times_are_medians_and_errors_are_means():
-    seconds = np.tile([1.0, 2.0], (3, 1))
+def test_times_are_means_of_the_middle_half_and_errors_are_means():
+    seconds = np.tile([1.0, 2.0], (4, 1))
     seconds[0] = 100
-    errors = np.array([[8.0, 1.0], [8.0, 2.0], [8.0, 9.0]])
+    errors = np.array([[8.0, 1.0], [8.0, 2.0], [8.0, 9.0], [8.0, 4.0]])
     made = Curve(np.array([1, 2]), seconds, errors)
     assert made.span == (1, 2)
     assert made.at(1.0) == pytest.approx(8)
     assert made.at(2.0) == pytest.approx(4)
-    assert made.at(2.0, np.array([0, 2, 0])) == pytest.approx(2)
-    assert made.at(2.0, np.array([[0, 2, 0], [1, 1, 1]])) == pytest.approx([2, 4])
+    assert made.at(2.0, np.array([0, 2, 0, 0])) == pytest.approx(2)
+    assert made.at(2.0, np.array([[0, 2, 0, 0], [1, 1, 1, 1]])) == pytest.approx([2, 4])
 
 
 def test_renders_without_a_time_count_for_the_error_alone():
@@ -50,7 +51,7 @@ def test_renders_without_a_time_count_for_the_error_alone():
     seconds = timed.seconds.copy()
     seconds[6:] = np.nan
     made = Curve(SPP, seconds, timed.errors)
-    np.testing.assert_allclose(made.costs(), np.median(timed.seconds[:6], axis=0))
+    np.testing.assert_allclose(made.costs(), midmean(timed.seconds[:6], np.ones(6)))
     np.testing.assert_allclose(made.band().value, timed.errors.mean(axis=0))
     found = ratio_at(made, curve(noise=0.1, seed=1), 0.05)
     assert found.low < found.value < found.high

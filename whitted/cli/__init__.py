@@ -22,6 +22,7 @@ SUBCOMMANDS = {
     "trace": "Draw the ray tree of one pixel.",
     "study": "Render a matrix of settings into a database.",
     "report": "Write a study's findings as one page.",
+    "stability": "Run numerically hard cases, each against its truth.",
     "scenes": "List the shipped scenes; print one's XML.",
     "doctor": "Examine LLVM, variants, versions and cache, and test them.",
 }

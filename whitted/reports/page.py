@@ -128,7 +128,7 @@ def _section(store, number, scene, styles):
 def _row(name, ladder):
     """The data of a method's curve, for people who don't see the plot."""
     band = ladder.curve_of_samples.band()
-    times = [None] * len(ladder.spp) if ladder.seconds is None else np.nanmedian(ladder.seconds, axis=0)
+    times = [None] * len(ladder.spp) if ladder.seconds is None else ladder.curve.costs()
     root = [np.sqrt(np.maximum(v, 0)) for v in (band.value, band.low, band.high)]
     steps = zip(ladder.spp, times, *root, ladder.told, strict=True)
     return {
@@ -228,7 +228,7 @@ def _of_scene(store, number, scene, steps):
                     text=f"{scene.label} by {name} with {ladder.spp[k]} samples per pixel",
                     reference=reference,
                     spp=int(ladder.spp[k]),
-                    seconds=None if ladder.seconds is None else float(np.nanmedian(ladder.seconds[:, k])),
+                    seconds=None if ladder.seconds is None else float(ladder.curve.costs()[k]),
                 )
             )
     truth = pictures.Entry(

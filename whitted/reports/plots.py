@@ -48,7 +48,7 @@ def errors(scene, over, styles):
     for name, ladder in scene.ladders.items():
         if over == "seconds" and ladder.seconds is None:
             continue
-        x = ladder.spp if over == "spp" else np.nanmedian(ladder.seconds, axis=0)
+        x = ladder.spp if over == "spp" else ladder.curve.costs()
         band = ladder.curve_of_samples.band()
         y, low, high = (np.sqrt(np.maximum(v, 0)) for v in (band.value, band.low, band.high))
         colour, marker, dash = styles[name]

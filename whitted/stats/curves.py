@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whitted.stats.intervals import bootstrap_t, mean, median
+from whitted.stats.intervals import bootstrap_t, mean, midmean
 
 SPREAD = 1 + 1e-6  # at least, between one value and the next
 
@@ -37,21 +37,24 @@ class Curve:
 
     @property
     def span(self):
-        """The lowest and the highest cost, medians."""
+        """The lowest and the highest cost."""
         costs = self.costs()
         return float(costs[0]), float(costs[-1])
 
     def costs(self, weights=None):
-        """Return the median cost of each step, [..., K], where ``weights`` [..., R] count the replicates."""
+        """Return the cost of each step, [..., K]: the mean of the middle half of its replicates.
+
+        ``weights`` [..., R] count the replicates, by default once each.
+        """
         weights = np.ones(self.replicates) if weights is None else weights
         if self.seconds is None:
             return np.broadcast_to(np.asarray(self.spp, np.float64), (*weights.shape[:-1], len(self.spp)))
-        return median(self.seconds, weights)
+        return midmean(self.seconds, weights)
 
     def at(self, cost, weights=None):
         """Return the mean squared error at a cost; NaN where there is no error to measure.
 
-        Between the mean errors at the median costs it is interpolated, a power of the cost in each part; outside, the
+        Between the mean errors at the steps' costs it is interpolated, a power of the cost in each part; outside, the
         first and the last part are continued. ``weights`` [..., R] count the replicates, by default once each.
         """
         weights = np.ones(self.replicates) if weights is None else weights
@@ -91,7 +94,7 @@ class Choice:
     Attributes:
         name: of the curve.
         spp: samples per pixel.
-        cost: median seconds, or samples per pixel where there are none.
+        cost: seconds, or samples per pixel where there are none.
         rmse: estimated.
         bound: the upper confidence bound of the RMSE, not above the error asked for.
         level: the probability that the claim is right.
@@ -171,7 +174,7 @@ def cheapest(curves, error, level=0.95, seed=0):
     many settings there are, a wrong claim is made with a probability of at most 1 - ``level``, as far as each bound
     keeps its own level: each of C curves may err with a probability of (1 - ``level``) / C, and within one the steps
     are tested from the most samples downwards, each at that level, until the first that fails
-    [MaurerHothornLehmacher1995]. Cheapest is by median cost, of which nothing is claimed; nor is it that no cheaper
+    [MaurerHothornLehmacher1995]. Cheapest is by measured cost, of which nothing is claimed; nor is it that no cheaper
     setting would do.
 
     The bounds are one-sided bootstrap-t. At 95 %, 16 replicates and a true RMSE just above the error, the claim was

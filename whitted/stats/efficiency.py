@@ -8,7 +8,7 @@ out: ladders of several n, see `whitted.stats.curves`.
 
 import numpy as np
 
-from whitted.stats.intervals import bootstrap_t, mean, median
+from whitted.stats.intervals import bootstrap_t, mean, midmean
 
 INDEPENDENT = -0.5  # slope of RMSE against n, or time, of independent samples
 
@@ -18,7 +18,8 @@ def efficiency(errors, seconds, level=0.95, seed=0):
 
     Args:
         errors: [R], squared error or variance of each replicate; V is their mean.
-        seconds: [R], the time of each, > 0, NaN where it wasn't measured; T is their median.
+        seconds: [R], the time of each, > 0, NaN where it wasn't measured; T is their mean
+            without the lowest and the highest quarter.
         level: in (0, 1).
         seed: of the resamples, of replicates whole.
     """
@@ -52,7 +53,7 @@ def time_to_error(error, errors, seconds, slope=INDEPENDENT, level=0.95, seed=0)
 
 
 def _interval(function, errors, seconds, level, seed):
-    """Return the log-scale `Interval` of a function of the mean error and the median time."""
+    """Return the log-scale `Interval` of a function of the mean error and the midmean of time."""
     errors, seconds = np.asarray(errors, np.float64), np.asarray(seconds, np.float64)
     if errors.ndim != 1 or errors.shape != seconds.shape:
         raise ValueError(
@@ -60,6 +61,6 @@ def _interval(function, errors, seconds, level, seed):
         )
 
     def statistic(weights):
-        return function(mean(errors, weights), median(seconds, weights))
+        return function(mean(errors, weights), midmean(seconds, weights))
 
     return bootstrap_t(statistic, len(errors), level=level, seed=seed, scale="log")

@@ -2,7 +2,7 @@ r"""Confidence intervals from replicates: Student's, the bootstrap-t, and the pe
 
 The unit is the replicate, an independent repetition of the whole measurement: replicates are drawn whole, so that
 whatever is correlated within one stays so. A resample is written as weights, how many times each replicate was drawn;
-a statistic is a function of these weights, made of `mean` and `median`. Source: [EfronTibshirani1993], chapters 12.5
+a statistic is a function of these weights, made of `mean` and `midmean`. Source: [EfronTibshirani1993], chapters 12.5
 (bootstrap-t) and 13.3 (percentile), [Hall1988] for why the former is second-order correct.
 
 How often 95 % intervals of a mean hold it (8000 samples; standard error 0.25 %):
@@ -58,10 +58,12 @@ class Interval:
         return {name: _plain(getattr(self, name)) for name in ("value", "low", "high", "level")}
 
     def __str__(self):
-        """Return such as ``2.71 [2.64, 2.76]``: the interval's width is given to two digits."""
+        """Return such as ``2.71 [2.64, 2.76]``: two digits of the interval's width, and at least two of the value."""
         width = self.high - self.low
         if np.ndim(width) or not math.isfinite(width) or width == 0:
             return f"{self.value:.4g} [{self.low:.4g}, {self.high:.4g}]"
+        if width > 10 * abs(self.value) > 0:
+            return f"{self.value:.2g} [{self.low:.2g}, {self.high:.2g}]"
         decimals = 1 - math.floor(math.log10(width))
         size = max(abs(self.value), abs(self.low), abs(self.high))
         exponent = math.floor(math.log10(size))
@@ -87,14 +89,16 @@ def mean(values, weights):
     return np.tensordot(weights, values, 1) / total
 
 
-def median(values, weights):
-    """Return the weighted median over replicates; the arguments and the shape are those of `mean`.
+def midmean(values, weights):
+    """Return the weighted mean of the middle half of the replicates; the arguments and the shape are those of `mean`.
 
-    Values that are NaN count as not there; where nothing is left the median is NaN.
+    What a few slow turns add to times it leaves out, as the median does, of which the jackknife doesn't give the error:
+    from 8 times that vary by a fifth intervals came out a thousandfold too wide. Values that are NaN count as not
+    there; where nothing is left the result is NaN.
     """
     values = np.asarray(values, np.float64)
     columns = values.reshape(len(values), -1)
-    found = np.stack([_column_median(column, weights) for column in columns.T], axis=-1)
+    found = np.stack([_column_midmean(column, weights) for column in columns.T], axis=-1)
     return found.reshape(weights.shape[:-1] + values.shape[1:])
 
 
@@ -128,7 +132,7 @@ def bootstrap_t(statistic, *counts, level=0.95, resamples=1999, seed=0, scale="l
 
     Args:
         statistic: function of one array of weights [..., R] for each sample, of equal leading axes; returns [...], or
-            [..., n] for n statistics at once. Made of `mean` and `median`, as in
+            [..., n] for n statistics at once. Made of `mean` and `midmean`, as in
             ``lambda v, w: mean(a, v) / mean(b, w)``.
         counts: number of replicates R of each sample. Below 2, and where the estimate is NaN, there is no interval
             (NaN); 2 to 4 replicates of a single sample give an unbounded one, since a resample is then often one
@@ -214,17 +218,15 @@ def _order_statistic(values, probability):
     return np.sort(values, axis=0)[min(max(rank, 1), len(values)) - 1]
 
 
-def _column_median(column, weights):
-    """Return the weighted median [...] of one column [R], NaN left out."""
+def _column_midmean(column, weights):
+    """Return the weighted mean of the middle half [...] of one column [R], NaN left out."""
     order = np.argsort(column)
     order = order[~np.isnan(column[order])]
-    if not len(order):
-        return np.full(weights.shape[:-1], np.nan)
-    column, sums = column[order], np.cumsum(weights[..., order], axis=-1)
-    total = sums[..., -1]
-    lower = np.argmax(sums >= total[..., None] / 2, axis=-1)
-    upper = np.argmax(sums > total[..., None] / 2, axis=-1)
-    return np.where(total > 0, (column[lower] + column[upper]) / 2, np.nan)
+    sums = np.cumsum(weights[..., order], axis=-1)
+    total = sums[..., -1:] if len(order) else np.zeros((*weights.shape[:-1], 1))
+    kept = np.diff(np.clip(sums, total / 4, 3 * total / 4), axis=-1, prepend=total / 4)
+    with np.errstate(invalid="ignore"):
+        return (kept @ column[order]) / (total[..., 0] / 2)
 
 
 def _interval(value, low, high, level):

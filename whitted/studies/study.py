@@ -6,8 +6,6 @@ from contextlib import closing
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from whitted import files
 from whitted.interrupt import stop_on_signals
 from whitted.studies import analysis, export, worker
@@ -128,7 +126,7 @@ class Study:
 
 
 def _seconds(ladder):
-    return "" if ladder.seconds is None else f"{np.nanmedian(ladder.seconds[:, -1]):.3g}"
+    return "" if ladder.seconds is None else f"{ladder.curve.costs()[-1]:.3g}"
 
 
 def _pool(scheduler, workers):

@@ -1,0 +1,51 @@
+"""The textbook forms and the stable ones beside them whose cost and digits are measured."""
+
+import numpy as np
+
+from whitted.geometry import plane, sphere
+from whitted.hardcases.forms import Pair
+
+FAR = 100.0  # radii
+
+
+def _towards_a_sphere(rng, count):
+    o = np.array([0.0, 0.0, -FAR])[:, None] * np.ones(count)
+    d = np.stack([*rng.uniform(-0.7, 0.7, (2, count)), np.full(count, FAR)])
+    return o, d / np.linalg.norm(d, axis=0)
+
+
+def _sphere_root(o, d):
+    from mpmath import sqrt
+
+    a, b = sum(x * x for x in d), sum(x * y for x, y in zip(d, o, strict=True))
+    return (-b - sqrt(b * b - a * (sum(x * x for x in o) - 1))) / a
+
+
+def _towards_a_plane(rng, count):
+    n = rng.standard_normal((3, count))
+    n /= np.linalg.norm(n, axis=0)
+    along = np.cross(n, rng.standard_normal((3, count)), axis=0)
+    d = along / np.linalg.norm(along, axis=0) - 1e-3 * n
+    return rng.uniform(-1, 1, (3, count)), d, n, rng.uniform(-3, -2, count)
+
+
+def _plane_distance(o, d, n, h):
+    return (h - sum(x * y for x, y in zip(n, o, strict=True))) / sum(x * y for x, y in zip(n, d, strict=True))
+
+
+PAIRS = (
+    Pair(
+        "hit on a sphere 100 radii away",
+        lambda o, d: sphere.textbook_roots(o, d, 0, 1)[0],
+        lambda o, d: sphere.roots(o, d, 0, 1)[0],
+        _towards_a_sphere,
+        _sphere_root,
+    ),
+    Pair(
+        "hit on a plane at a slope of 1/1000",
+        plane.textbook_distance,
+        plane.distance,
+        _towards_a_plane,
+        _plane_distance,
+    ),
+)
