@@ -153,7 +153,9 @@ def triangle_without_area(size):
     d = np.float32(target - o)
     corners_of = [*map(mi.Vector3f, corners.tolist())]
     found = [np.array(form(vector(o), vector(d), *corners_of)[0]) for form in _FORMS]
-    found[0] &= bool(dr.any(triangle.normal(*corners_of) != 0))  # what structures leave out when they are built
+    found[0] &= bool(
+        dr.any(triangle.normal(*corners_of) != 0)
+    )  # what structures leave out when they are built
     scene = load_mesh(corners.T, np.array([[0], [1], [2]]))
     return Errors(
         *(np.mean(one) for one in found),
