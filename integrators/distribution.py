@@ -167,7 +167,7 @@ class DistributionIntegrator(mi.SamplingIntegrator):
         """Estimate the radiance along ``ray``, as Mitsuba's integrators do when they are nested."""
         world = self.world(scene)
         found = self.estimate(world, mi.Ray3f(ray), SamplerDraws(sampler), self.plan(world), active)
-        return found["radiance"], active & (found["alpha"] > 0), []
+        return tracing.contained(found["radiance"]), active & (found["alpha"] > 0), []
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
         """Render as Mitsuba's integrators do, with our own eye rays and sample sequences."""

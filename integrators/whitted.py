@@ -128,7 +128,7 @@ class WhittedIntegrator(mi.SamplingIntegrator):
         """Estimate the radiance along ``ray``, as Mitsuba's integrators do when they are nested."""
         world = self.world(scene)
         found = self.estimate(world, mi.Ray3f(ray), SamplerDraws(sampler), active=active)
-        return found["radiance"], active & (found["alpha"] > 0), []
+        return tracing.contained(found["radiance"]), active & (found["alpha"] > 0), []
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
         """Render as Mitsuba's integrators do, with our own eye rays and sample sequences."""
@@ -207,7 +207,9 @@ class _Tree:
 
         # ---- Emission
         seen = active & ~(is_eye & ~hit) if world.hide_emitters else active
-        self.add(sums, account, seen, node.w * world.emission(si, seen))
+        emitted = world.emission(si, seen)
+        world.watch("emission", emitted, si, seen & kept)
+        self.add(sums, account, seen, node.w * emitted)
         if not world.has_environment:
             unseen = active & ~hit & kept & ((node.tag & CLEAR) != 0)
             sums["escaped"] += dr.select(unseen, dr.mean(node.w), 0)
@@ -227,6 +229,7 @@ class _Tree:
         L = transport.direct_light(world, si, draws, node.id, goes_on, self.integrator.shadows, context)
         if self.integrator.ambient is not None:
             L += self.integrator.ambient.eval(si, goes_on) * world.diffuse_reflectance(si, goes_on)
+        world.watch("direct light", L, si, goes_on & kept)
         self.add(sums, account, goes_on, w * L)
 
         # ---- Branches
@@ -290,6 +293,7 @@ class _Tree:
             child.tag = dr.select(saved, BY_CUTOFF, account) | clear
             spawned = saved | chosen | (present & is_kept & ~dropped)
             reflects = mi.has_flag(kind, mi.BSDFFlags.DeltaReflection)
+            world.watch("throughput", child.w, si, spawned & is_kept)
             transport.send(world, si, child, wo, reflects, spawned)
             next_node, has_next = stack.push_all_but_first(child, spawned, next_node, has_next)
         return next_node, has_next

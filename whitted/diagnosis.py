@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from whitted.film import Grid, Window, eye_rays
+from whitted.film import Grid, Window, eye_rays, finite
 from whitted.lights.primitives import registry_number
 from whitted.world import CAUSE, SHAPE_BITS, TERMS
 
@@ -102,8 +102,8 @@ def _codes(passes, window, start, stop):
         world.watch_values()
         world.watch("eye ray", weight, None, active)
         found = passes.integrator.estimate(world, ray, draws, passes.plan, active)
-        finite = dr.isfinite(sum(passes.encode(found, weight, ray), mi.Float(0)))
-        codes = np.array(dr.select(active & ~finite, world.rays[CAUSE] + 1, 0))
+        is_finite = finite(passes.encode(found, weight, ray))
+        codes = np.array(dr.select(active & ~is_finite, world.rays[CAUSE] + 1, 0))
     world.count_rays(False)
     return Counter(int(code) - 1 for code in codes[codes > 0])
 

@@ -128,9 +128,13 @@ class DirectLight:
         """The estimate from one sample of one group, less what is known of it."""
         sample = group.sample(self.si, self.n, u, choice, active, self.shares)
         dark = dr.all(sample.weight == 0)  # where there is no direction either
-        L = dr.select(active & ~dark, self._scattered(group, sample, active) * sample.weight, 0)
+        scattered = self._scattered(group, sample, active)
+        self.world.watch("light sample", sample.weight, self.si, active)
+        self.world.watch("BSDF", scattered, self.si, active & ~dark)
+        L = dr.select(active & ~dark, scattered * sample.weight, 0)
         lit = active & ~dr.all(L == 0)  # NaN, for which no comparison holds, is lit and counted
         passed = self.world.transmittance(self.si, sample.target, sample.shape, lit, inside=group.as_points)
+        self.world.watch("transmittance", passed, self.si, lit)
         L = dr.select(lit, L * passed, 0)
         if group.is_closed and self.closed is not None:
             expected = self.reflected * dr.maximum(dr.dot(sample.d, self.n), 0) * sample.weight

@@ -204,6 +204,7 @@ class _Loop:
             kernel={"operations": self.operations, "cache_hit": self.cache_hit},
             truncation=passes.truncation,
             nonfinite=passes.nonfinite,
+            diagnosis=passes.diagnosis(self.first, self.spp),
             partial=self.stopped or (missed and not self.reached),
             **settings,
         )

@@ -142,9 +142,9 @@ class Paths:
 
         # ---- Emission
         seen = active & ~(is_eye & ~hit) if world.hide_emitters else active
-        sums["radiance"] = sums["radiance"] + dr.select(
-            seen, node.w * world.emission(si, seen) * self._emission_weight(si, node, seen), 0
-        )
+        emitted = world.emission(si, seen) * self._emission_weight(si, node, seen)
+        world.watch("emission", emitted, si, seen)
+        sums["radiance"] = sums["radiance"] + dr.select(seen, node.w * emitted, 0)
         if not world.has_environment:
             unseen = active & ~hit & ((node.tag & CLEAR) != 0)
             sums["escaped"] += dr.select(unseen, dr.mean(node.w), 0)
@@ -168,7 +168,9 @@ class Paths:
             rough=vertex.rough if self.is_rough else None,
             technique=self.technique,
         )
-        sums["radiance"] += dr.select(within, node.w * light.estimate(within), 0)
+        lit = light.estimate(within)
+        world.watch("direct light", lit, si, within)
+        sums["radiance"] += dr.select(within, node.w * lit, 0)
 
         # ---- Branches
         if not self.goes_on:
@@ -309,6 +311,7 @@ class Paths:
             if self.lights.shares_type:
                 child.shares = light.shares
             child.pdf = dr.select(vertex.combined[0], pdf, dr.select(vertex.combined[1], -pdf, 0))
+        self.world.watch("throughput", child.w, si, active)
         self.world.count("reflection", active & reflects)
         self.world.count("transmission", active & transmits)
         self.world.count("interreflection", active & ~reflects & ~transmits)
@@ -389,6 +392,7 @@ class Paths:
             spawned = active & ~(share <= 0) & dr.select(in_tree, u.y < survival, chosen)
             below = below + share
             child.w = child.w * dr.rcp(survival)
+            world.watch("throughput", child.w, si, spawned)
             transport.send(world, si, child, wo, reflects, spawned)
             next_node, has_next = stack.push_all_but_first(child, spawned, next_node, has_next)
         return next_node, has_next

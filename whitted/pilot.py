@@ -69,9 +69,10 @@ class Pilot:
             ray, weight, _, _, active = self._eye_rays(effects)
             more, samples, rays = techniques.excess(self.world, ray, active, seed=1)
             more = luminance(more * dr.square(weight), ray.wavelengths).numpy().astype(np.float64)
-            change = np.square(self._luminance(effects) - self._luminance(effects, seed=1))
-        both = float(change[np.isfinite(change)].mean()) / 2
-        more = max(float(more[np.isfinite(more)].mean()), 0) / both if both > 0 else np.inf
+            first, second = self._luminance(effects), self._luminance(effects, seed=1)
+        with np.errstate(invalid="ignore"):  # infinity less infinity
+            both = _finite_mean(np.square(first - second)) / 2
+        more = max(_finite_mean(more), 0) / both if both > 0 else np.inf
         slower = techniques.SAMPLE_COST * samples / rays
         saved = 100 * slower / (1 + slower)
         said = f"rays alone would have {100 * more:.3g} % more variance in {saved:.2g} % less time"
@@ -98,7 +99,9 @@ class Pilot:
         grid = _Scattered(*self.size, BOUND_SAMPLES)
         on, off = (self._luminance(plan, grid=grid, joint=joint) for plan in (called, called - {effect}))
         finite = np.isfinite(on) & np.isfinite(off)
-        change, mean = np.abs(on - off)[finite], on[finite].mean()
+        if not finite.any():
+            return {"radiance": np.inf, "relative": np.inf}
+        change, mean = np.abs(on[finite] - off[finite]), on[finite].mean()
         seen = change.mean() + ERRORS * change.std() / np.sqrt(change.size)
         changing = finite if effect in ON_EYE_RAYS else finite & ~self._sees_light(grid)
         radiance = seen + UNSEEN / change.size * np.abs(on[changing]).max(initial=0)
@@ -225,3 +228,9 @@ class _Scattered:
         x, y = a % dr.opaque(mi.UInt32, self.width), b % dr.opaque(mi.UInt32, self.height)
         number = lane - choice * spp + choice // (self.width * self.height) * spp
         return mi.Int32(x), mi.Int32(y), number, lane // 16, dr.full(mi.Bool, True, self.lanes)
+
+
+def _finite_mean(values):
+    """The mean of the values that are finite, a float; 0 if none is."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else 0.0

@@ -67,6 +67,7 @@ class Render:
         kernel: ``operations`` of the largest kernel, and ``cache_hit``: nothing was compiled.
         truncation: ``Truncation``, or None where the integrator keeps no account.
         nonfinite: samples that weren't finite; they are left out.
+        diagnosis: `whitted.diagnosis.Diagnosis` of these; None without any, and for Mitsuba's integrators.
         partial: it ended before it was done.
         window: the pixels held, ``Window`` within a film of ``size`` (width, height).
         plan: `whitted.effects.Plan`, what is simulated and why; None where the integrator doesn't tell.
@@ -92,6 +93,7 @@ class Render:
     seed: int
     replicates: int
     error_kind: str
+    diagnosis: object = field(default=None, repr=False)
     plan: object = field(default=None, repr=False)
     shares: object = field(default=None, repr=False)
 
@@ -166,6 +168,7 @@ class Render:
             "kernel": self.kernel,
             "truncation": self.truncation.to_dict() if self.truncation else None,
             "nonfinite": self.nonfinite,
+            "nonfinite_causes": self.diagnosis.to_dict() if self.diagnosis else None,
             "error": self.error,
             "shares": self.shares.to_dict() if self.shares else None,
             "versions": versions(),

@@ -18,6 +18,8 @@ from whitted.errors import UsageError, nearest
 from whitted.messages import explain
 from whitted.specification import integrator
 
+FARTHEST = 1e18  # that a lens may be focused at: squares of distances must not overflow
+
 __all__ = ["Scene", "as_scene", "integrator", "load", "shipped"]
 
 
@@ -55,6 +57,7 @@ def load(path_or_name, /, **defines):
     scene, digest = _instantiate(path, text, defines)
     if not scene.sensors():
         raise UsageError(f"{path}: the scene has no <sensor>, and so no picture")
+    _check_lenses(scene, f"{path}: ")
     return Scene(scene, path.stem, path, digest, time.perf_counter() - start)
 
 
@@ -74,7 +77,19 @@ def as_scene(scene):
         )
     if not scene.sensors():
         raise UsageError("the scene has no sensor, and so no picture")
+    _check_lenses(scene)
     return Scene(scene, scene.id() if not scene.id().startswith("_") and scene.id() else "scene")
+
+
+def _check_lenses(scene, where=""):
+    """Refuse lenses whose focus lies before the near plane, or too far: Mitsuba would render black without a word."""
+    for sensor in scene.sensors():
+        if sensor.class_name() == "ThinLensCamera":
+            focus, near = float(sensor.focus_distance()[0]), float(sensor.near_clip())
+            if not near <= focus <= FARTHEST:
+                raise UsageError(
+                    f"{where}focus_distance is {focus:g}; accepted are near_clip, {near:g}, to {FARTHEST:g}"
+                )
 
 
 def shipped():
@@ -170,7 +185,8 @@ def _instantiate(path, text, defines):
 
             validation.check_nodes(state.nodes, locate)
             files = _referred_files(state.nodes, locate)
-            scene = mi.parser.instantiate(config, state)
+            with _threads_for_files():
+                scene = mi.parser.instantiate(config, state)
         except (RuntimeError, ValueError, TypeError) as error:
             declared = [a.get("name", "") for _, tag, a in validation.elements(text) if tag == "default"]
             raise explain(error, texts, declared) from error
@@ -217,6 +233,21 @@ def _resolver(path):
         yield
     finally:
         mi.set_file_resolver(before)
+
+
+@contextmanager
+def _threads_for_files():
+    """Give Dr.Jit two threads at least: with one Mitsuba waits for ever for a second that decodes an EXR file."""
+    import drjit as dr
+
+    before = dr.thread_count()
+    if before < 2:
+        dr.set_thread_count(2)
+    try:
+        yield
+    finally:
+        if before < 2:
+            dr.set_thread_count(before)
 
 
 def _as_text(value):

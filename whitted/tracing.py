@@ -89,6 +89,14 @@ class TreePasses:
         """How many samples of the window weren't finite and were left out."""
         return int(dr.sum(self.sums.nonfinite)[0])
 
+    def diagnosis(self, start, stop):
+        """Return the `whitted.diagnosis.Diagnosis` of the samples of a range that weren't finite, None without any."""
+        if not self.nonfinite:
+            return None
+        from whitted.diagnosis import diagnose
+
+        return diagnose(self, start, stop)
+
 
 class MitsubaPasses:
     """Passes of any other integrator of Mitsuba, which fills the film itself; each is independent of the others.
@@ -111,6 +119,9 @@ class MitsubaPasses:
         self.share = -(-spp // replicates) if spp else MAX_SPP
         self.total, self.weights = {}, {}
         self.rays, self.truncation, self.nonfinite = {}, None, 0
+
+    def diagnosis(self, start, stop):
+        """Return None: these integrators don't tell where a value comes from."""
 
     @property
     def groups(self):
@@ -191,6 +202,11 @@ def fill_film(integrator, scene, sensor=0, seed=0, spp=0, develop=True, evaluate
         mi.ImageBlock(mi.TensorXf(values.astype(np.float32)), mi.ScalarPoint2i(window.x, window.y))
     )
     return film.develop() if develop else mi.TensorXf()
+
+
+def contained(L):
+    """Return radiance (``Spectrum``) with 0 where it isn't finite: nested in Mitsuba's nothing else keeps it off films."""
+    return dr.select(dr.all(dr.isfinite(L)), L, 0)
 
 
 def samples_per_pass(lanes):

@@ -26,13 +26,16 @@ def light_sample(world, si, draws, node, emitter, active, shadows=True, context=
     drawn = not isinstance(emitter, int) or world.needs_sample[emitter]
     u = draws("light", node, emitter) if drawn else mi.Point2f(0)
     ds, weight = world.sample_light(emitter, si, u, active)
-    value = si.bsdf().eval(context or mi.BSDFContext(), si, si.to_local(ds.d), active) * weight
-    lit = (
-        active & (ds.pdf != 0) & ~dr.all(value == 0)
-    )  # NaN, for which no comparison holds, is lit and counted
+    scattered = si.bsdf().eval(context or mi.BSDFContext(), si, si.to_local(ds.d), active)
+    value = scattered * weight
+    sampled = active & (ds.pdf != 0)
+    lit = sampled & ~dr.all(value == 0)  # NaN, for which no comparison holds, is lit and counted
     visible = (
         world.transmittance(si, ds.p, world.light_shape(emitter, active), lit) if shadows else mi.Spectrum(1)
     )
+    world.watch("light sample", weight, si, sampled)
+    world.watch("BSDF", scattered, si, sampled)
+    world.watch("transmittance", visible, si, lit)
     return ds, dr.select(lit, value, 0), visible
 
 

@@ -17,6 +17,10 @@ from whitted.offsets import Offsets
 NEAR = 1e-3  # of the way to a light: rays that end so early don't meet its own surface
 ROUNDING = 5e-7  # likewise of the way to a point in space
 KINDS = ("eye", "shadow", "reflection", "transmission", "interreflection")
+# What an estimate is made of, as `World.watch` is told; and where its finding lies among the counts of rays
+TERMS = ("eye ray", "emission", "light sample", "BSDF", "transmittance", "direct light", "throughput")
+CAUSE = "cause"
+SHAPE_BITS = 24  # below the number of the term
 
 
 class World:
@@ -67,6 +71,7 @@ class World:
         shapes = {shape.emitter().ptr: shape for shape in scene.shapes() if shape.emitter() is not None}
         self._light_shapes = [registry_number(shapes[e.ptr]) if e.ptr in shapes else 0 for e in self.emitters]
         self.is_crowded = _is_crowded(scene)
+        self._convex = _which_are_convex(shapes.values())
         self.offsets = Offsets(scene, offset)
         self._lights = {}
         self.count_rays(False)
@@ -74,6 +79,31 @@ class World:
     def count_rays(self, wanted=True):
         """Count from zero from now on, or not at all, which makes kernels up to a tenth faster."""
         self.rays = {kind: mi.UInt32(0) for kind in KINDS} if wanted else {}
+
+    def watch_values(self):
+        """Take note from now on of the first term of each lane that isn't finite, see `watch`; count no rays."""
+        self.rays = {CAUSE: mi.UInt32(0)}
+
+    def watch(self, term, value, si, active):
+        """Be told of a term of the estimate; nothing comes of it unless values are watched.
+
+        The first one that isn't finite leaves 1 + its number in ``TERMS`` and the number of its shape in
+        ``rays[CAUSE]``.
+
+        Args:
+            term: one of ``TERMS``.
+            value: ``Float`` or ``Spectrum`` [N].
+            si: ``SurfaceInteraction3f`` [N], or None where there is no surface.
+            active: ``Bool`` [N].
+        """
+        if CAUSE not in self.rays:
+            return
+        shape = mi.UInt32(0) if si is None else dr.reinterpret_array(mi.UInt32, si.shape)
+        number = mi.UInt32((TERMS.index(term) + 1) << SHAPE_BITS) + (shape & ((1 << SHAPE_BITS) - 1))
+        finite = dr.isfinite(value)
+        finite = finite if isinstance(value, mi.Float) else dr.all(finite)
+        first = active & ~finite & (self.rays[CAUSE] == 0)
+        self.rays[CAUSE] = dr.select(first, number, self.rays[CAUSE])
 
     def lights(self, as_points=False):
         """Return the `Lights` of the scene, ready to be sampled by distribution."""
@@ -162,6 +192,11 @@ class World:
         ray.d = way / distance
         ray.maxt = distance * (1 - ROUNDING)
         reach = mi.Float(0) if inside else distance * (1 - NEAR)
+        # Of a convex light the first point met is right, whatever rounding makes of the distance
+        if exact and self._convex is True:
+            reach = mi.Float(0)
+        elif exact and self._convex is not False:
+            reach *= 1 - dr.gather(mi.Float, self._convex, shape, shape < dr.width(self._convex))
         if not exact:
             ray.maxt = dr.select(on_surface, reach, ray.maxt)
         return ray, reach
@@ -300,6 +335,21 @@ def _glow(scene, emitters):
 def _arrived(hit, reach, shape):
     """Whether what a shadow ray has met is the light that it was sent to."""
     return (hit.t >= reach) & (dr.reinterpret_array(mi.UInt32, hit.shape) == shape)
+
+
+def _which_are_convex(shapes):
+    """Whether all shapes of lights are convex, or none is, ``bool``; else by registry number 1 for one that is, or 0."""
+    found = {registry_number(shape): _is_convex(shape) for shape in shapes}
+    if len(set(found.values())) < 2:
+        return any(found.values())
+    return mi.Float([float(found.get(number, False)) for number in range(max(found) + 1)])
+
+
+def _is_convex(shape):
+    """Whether a ray to a point on the side of a light that it is seen from meets nothing of the light before."""
+    if shape.class_name() == "Sphere":  # with a texture, points on the other side are sampled as well
+        return not int(shape.emitter().flags()) & mi.EmitterFlags.SpatiallyVarying
+    return shape.class_name() in ("Rectangle", "Disk")
 
 
 def _is_crowded(scene):

@@ -70,6 +70,12 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
     help="Also measure which effect makes the noise, with N evaluations, by default 64.",
 )
 @click.option("--stats", metavar="F.json", help="Write rays, seconds and errors as JSON.")
+@click.option(
+    "--debug-nonfinite",
+    "debug",
+    is_flag=True,
+    help="Tell for each pixel which term at which surface wasn't finite.",
+)
 @click.option("--png", is_flag=True, help="Write a PNG too: values above 1 are cut, sRGB transfer function.")
 @options.output(".exr")
 @options.variant
@@ -78,14 +84,14 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
 @options.threads
 @options.verbose
 def command(
-    scene, integrator, earlier, stats, png, output, sensor, defines, width, height, shares, **settings
+    scene, integrator, earlier, stats, debug, png, output, sensor, defines, width, height, shares, **settings
 ):
     """Render SCENE to an EXR file with its standard error; by default NAME.exr in the working folder.
 
     With --shares it also has the share of each pixel's variance that an effect makes, and with --png their false
     colours are NAME.shares.png. Beside it lie the sums (NAME.moments.npz) with which --continue goes on. Exits with 3
     where the picture is partial (stopped by a signal, or by --time before --spp or --target-error was met), with 4
-    where samples that aren't finite were met.
+    where samples that aren't finite were met: these are left out, and told with their cause.
     """
     begin = time.perf_counter()
     import whitted
@@ -132,11 +138,22 @@ def command(
     if found.shares:
         click.echo(str(found.shares))
     if found.nonfinite:
-        click.echo(f"whitted: {found.nonfinite} samples weren't finite and are left out", err=True)
+        _tell_nonfinite(found, debug)
     if found.partial:
         click.echo(f"whitted: stopped early, at {found.spp} samples per pixel; --continue goes on", err=True)
         return PARTIAL
     return NONFINITE if found.nonfinite else 0
+
+
+def _tell_nonfinite(found, debug):
+    """Say how many samples weren't finite, and why as far as it is known."""
+    line = f"{found.nonfinite} samples weren't finite and are left out"
+    if found.diagnosis:
+        causes = ", ".join(f"{cause} ({count})" for cause, count in found.diagnosis.causes.most_common(3))
+        line = f"{found.nonfinite} samples of {found.diagnosis.pixels} pixels weren't finite and are left out: {causes}"
+    click.echo(f"whitted: {line}", err=True)
+    if debug and found.diagnosis:
+        click.echo(str(found.diagnosis), err=True)
 
 
 def _measured_shares(scene, integrator, sensor, evaluations, settings):

@@ -120,7 +120,7 @@ def _table(rows, only_met):
         geometry=np.array([part.geometry for part in parts], np.float64).reshape(-1, 9),
         lower=np.array([part.lower for part in parts], np.float64).reshape(-1, 3),
         upper=np.array([part.upper for part in parts], np.float64).reshape(-1, 3),
-        power=np.array([power for *_, power in rows], np.float64),
+        power=np.array([_choosable(power) for *_, power in rows], np.float64),
         axis=np.where(normals.any(1, keepdims=True), normals, (0, 0, 1)),
         cos_spread=np.where(normals.any(1), 1.0, -1.0),
         shape=np.array([on for _, on, *_ in rows], np.uint32),
@@ -145,7 +145,12 @@ def _power(emitter):
     u = _points(PROBES, 5)
     _, weight = emitter.sample_ray(0.0, u[0], mi.Point2f(u[1], u[2]), mi.Point2f(u[3], u[4]))
     power = float(np.mean(np.array(weight, np.float64)))
-    return power if np.isfinite(power) and power > 0 else 1.0  # a light that is never chosen would be missed
+    return power if power > 0 else 1.0  # a light that is never chosen would be missed
+
+
+def _choosable(power):
+    """The power by which a light is chosen, also where its radiance is no number somewhere."""
+    return power if np.isfinite(power) else 1.0
 
 
 def _points(count, dimensions=2):
