@@ -9,7 +9,6 @@ from collections import Counter
 from dataclasses import dataclass
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from whitted.film import Grid, Window, eye_rays, finite

@@ -20,6 +20,8 @@ from whitted.specification import integrator
 
 FARTHEST = 1e18  # that a lens may be focused at: squares of distances must not overflow
 
+ROBUST = "embree_use_robust_intersections"  # without it rays pass between triangles that share an edge
+
 __all__ = ["Scene", "as_scene", "integrator", "load", "shipped"]
 
 
@@ -43,7 +45,8 @@ def load(path_or_name, /, **defines):
 
     ``path_or_name`` is the path of a Mitsuba XML file, or the name of a shipped scene; an existing path wins.
     ``defines`` replace the scene's ``<default>`` parameters; a value is text, a number, a bool or a
-    sequence of numbers. Where no variant is active ``llvm_ad_rgb`` is set.
+    sequence of numbers. Where no variant is active ``llvm_ad_rgb`` is set. Embree intersects meshes watertight,
+    unless the scene has the boolean ``embree_use_robust_intersections`` of its own.
 
     Raises:
         UsageError: there is no such scene, or something in it is wrong; one line with file, line and value.
@@ -185,6 +188,8 @@ def _instantiate(path, text, defines):
 
             validation.check_nodes(state.nodes, locate)
             files = _referred_files(state.nodes, locate)
+            if ROBUST not in state.root.props and mi.variant().startswith("llvm"):
+                state.root.props[ROBUST] = True
             with _threads_for_files():
                 scene = mi.parser.instantiate(config, state)
         except (RuntimeError, ValueError, TypeError) as error:
