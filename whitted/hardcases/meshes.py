@@ -72,9 +72,9 @@ def load_mesh(vertices, faces, robust=False):
 
 
 def _aimed(rng, vertices, target):
-    """Rays to ``target`` from a cloud a tenth of the mesh's size around its middle."""
+    """Rays to ``target`` from a box around the middle of the mesh, of a fifth of its size."""
     low, high = vertices.min(axis=1).astype(np.float64), vertices.max(axis=1).astype(np.float64)
-    o = np.float32((low + high)[:, None] / 2 + 0.1 * (high - low).max() * rng.standard_normal(target.shape))
+    o = np.float32((low + high)[:, None] / 2 + 0.1 * (high - low).max() * rng.uniform(-1, 1, target.shape))
     d = target - o
     return o, np.float32(d / np.linalg.norm(d, axis=0))
 
