@@ -5,6 +5,8 @@ mesh exactly once; of Embree, as Mitsuba uses it by default and in its robust mo
 with its 95 % interval (Clopper and Pearson's). ``python experiments/watertight.py [--rays N]``; some ten minutes.
 """
 
+import whitted  # noqa: F401, I001, first, since it finds LLVM before drjit looks for one
+
 import argparse
 
 import drjit as dr
@@ -12,7 +14,6 @@ import mitsuba as mi
 import numpy as np
 from scipy.stats import binomtest
 
-import whitted  # noqa: F401, first, since it finds LLVM before drjit looks for one
 from whitted.geometry import triangle
 from whitted.hardcases.meshes import icosphere, load_mesh, rays_at_edges, rays_at_vertices
 
