@@ -10,7 +10,7 @@ from whitted.cli import options
 from whitted.errors import UsageError
 
 BROKEN = 1  # exit code
-WIDTH = 118  # of the table
+WIDTH = 132  # of the table
 
 
 @click.command("stability")
@@ -68,12 +68,12 @@ def _print(found):
     console = Console(width=WIDTH, highlight=False)
     families = dict.fromkeys(result.case.family for result in found.results)
     for family in families:
-        table = Table(title=family, title_justify="left", box=None, pad_edge=False)
-        for name in ("case", "what is asked"):
-            table.add_column(name, overflow="fold")
+        table = Table(title=family, title_justify="left", box=None, pad_edge=False, expand=True)
+        table.add_column("number", max_width=7)
+        table.add_column("case, and what is asked", ratio=1)
         for name in (*LABELS.values(), "tolerance"):
             table.add_column(name, justify="right", no_wrap=True)
-        table.add_column("", no_wrap=True)
+        table.add_column("", min_width=6)
         for result in found.results:
             if result.case.family == family:
                 table.add_row(*_row(result))
@@ -92,7 +92,7 @@ def _row(result):
     tolerance = f"{result.worst('ours').tolerance:.2g}"
     verdict = "holds" if result.holds() else "[bold red]broken[/]"
     errors = [_error(result, form) for form in ("textbook", "ours", "reference")]
-    return f"{case.number} {case.name}", asks, *errors, tolerance, verdict
+    return case.number, f"{case.name}\n[dim]{asks}[/]", *errors, tolerance, verdict
 
 
 def _error(result, form):
@@ -110,7 +110,9 @@ def _forms(forms):
     """The table of what stable forms cost and gain."""
     from rich.table import Table
 
-    table = Table(title="textbook and stable forms", title_justify="left", box=None, pad_edge=False)
+    table = Table(
+        title="textbook and stable forms", title_justify="left", box=None, pad_edge=False, expand=True
+    )
     for name in ("what is computed", "precision"):
         table.add_column(name)
     for name in ("textbook", "stable", "time", "digits, textbook", "digits, stable"):

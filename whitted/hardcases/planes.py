@@ -4,7 +4,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from whitted.geometry import box, plane, polygon, triangle
+from whitted.geometry import box, frame, plane, polygon, triangle
 from whitted.hardcases.case import Errors, case
 from whitted.hardcases.meshes import icosphere, load_mesh, rays_at_edges, rays_at_vertices
 
@@ -245,6 +245,47 @@ def _inside_star(x, y, corners):
         if (ay <= y < by and area > 0) or (by <= y < ay and area < 0):
             inside = not inside
     return inside, False
+
+
+@case(
+    "19", FAMILY, unit="of the points",
+    sweep=("normal's error in ulp", (-1.0, 0.0, 1.0)), tolerance=0,
+    why="either of two equal axes may be dropped, one for the whole polygon", source="Haines1994",
+)  # fmt: skip
+def inside_on_a_plane_of_45_degrees(ulps):
+    """Wrong decisions at a star on a plane whose normal has two equal components, one of them rounded."""
+    corners = star()
+    rng = np.random.default_rng(19)
+    a, b = rng.integers(-1000, 1001, (2, 20000))
+    expected, on_edge = np.array([_inside_star(int(u), int(v), corners) for u, v in zip(a, b, strict=True)]).T
+    n = mi.Vector3f(1.0, 1.0 + 2 * ulps * U, 0.0)
+
+    def projected(u, v):
+        return polygon.project(
+            mi.Vector3f(mi.Float(np.float32(u)), mi.Float(np.float32(-u)), mi.Float(np.float32(v))), n
+        )
+
+    flat = [tuple(float(x[0]) for x in projected(np.array([u]), np.array([v]))) for u, v in corners]
+    found = np.array(polygon.inside(*projected(a, b), flat))
+    return Errors(np.mean((found != expected)[~on_edge]))
+
+
+@case(
+    "21", FAMILY, unit="of 1",
+    sweep=("angle to -z", (1.0, 0.1, 1e-2, 1e-3, 1e-4, 0.0)), tolerance=8 * U,
+    why="four roundings in a component, of products of at most 1, twice in a product", source="DuffEtAl2017",
+)  # fmt: skip
+def frame_around_a_normal(angle):
+    """How far two vectors across a unit normal are from unit length and right angles."""
+    phi = np.random.default_rng(21).uniform(0, 2 * np.pi, RAYS)
+    n = vector([np.sin(angle) * np.cos(phi), np.sin(angle) * np.sin(phi), -np.cos(angle) + 0 * phi])
+
+    def error(s, t):
+        s, t, m = (np.array(v, np.float64) for v in (s, t, n))
+        pairs = (s, s, 1), (t, t, 1), (s, t, 0), (s, m, 0), (t, m, 0)
+        return max(np.abs((x * y).sum(0) - value).max() for x, y, value in pairs)
+
+    return Errors(error(*frame.basis(n)), error(*frame.textbook_basis(n)), error(*mi.coordinate_system(n)))
 
 
 # ---- Boxes

@@ -66,7 +66,8 @@ def far_sphere(distance):
     o, d = aimed(distance, 0.99)
     near, _, closest = truth(o, d)
     certain = closest < 1 - 4 * U * distance
-    bound = np.float64(2 * U * distance + 4 * U * distance / np.sqrt(1 - closest**2))
+    half = np.sqrt(np.maximum(1 - closest**2, U))
+    bound = np.float64(2 * U * distance + 4 * U * distance / half)
     forms = textbook(o, d)[0], ours(o, d)[0], mitsuba(o, d)
     plain, stable, reference = ((np.abs(found - near) / bound)[certain] for found in forms)
     return Errors(ours=stable, textbook=plain, reference=reference)
