@@ -144,6 +144,12 @@ def colours(L, wavelengths, channels=3):
     return [L.x] * channels if mi.is_monochromatic else list(L)
 
 
+def finite(values):
+    """Return the mask of the samples whose values (list of ``Float``) are all finite."""
+    scale = 0.5 ** len(values).bit_length()  # else the sum of finite ones could overflow
+    return dr.isfinite(sum((value * scale for value in values), mi.Float(0)))
+
+
 def luminance(L, wavelengths):
     """Return the luminance of a ``Spectrum`` (``Float``)."""
     if mi.is_monochromatic:
@@ -262,14 +268,15 @@ class Sums:
             if self.border:
                 at = dr.gather(mi.Point2f, offset, lane, inside) + mi.Point2f(dx, dy) - 0.5
                 weight = self.rfilter.eval(at.x) * self.rfilter.eval(at.y)
-            finite = dr.isfinite(sum(sample, mi.Float(0)))
-            taken = inside & finite
-            sums = [
-                total + mi.Float64(dr.select(taken, weight * v, 0))
-                for total, v in zip(sums, sample, strict=False)
-            ] + [sums[-1] + mi.Float64(dr.select(taken, weight, 0))]
+            is_finite = finite(sample)
+            taken = inside & is_finite
+            parts = [mi.Float64(dr.select(taken, v, 0)) for v in [*sample, weight]]
+            if self.border:
+                # Negative lobes may cancel the weights: no product may be rounded before it is summed up
+                parts[:-1] = [parts[-1] * v for v in parts[:-1]]
+            sums = [total + part for total, part in zip(sums, parts, strict=True)]
             nonfinite = nonfinite + dr.select(
-                inside & ~finite & (dx == 0) & (dy == 0), mi.UInt32(1), mi.UInt32(0)
+                inside & ~is_finite & (dx == 0) & (dy == 0), mi.UInt32(1), mi.UInt32(0)
             )
             return i + 1, sums, nonfinite
 

@@ -2,9 +2,9 @@
 
 Mitsuba moves the origin by 8.9e-5 (1 + max |p|), whatever the surface: 9 cm at 1,000, and more than the size of what is
 smaller than 1e-4. The bound of a point on a triangle grows with its corners' coordinates along the normal alone, so
-that it is 0 on a floor at y = 0. Source: [PharrJakobHumphreys2023], section 6.8, for the bounds and for rounding away
-from the surface; here that of a triangle holds for all of its points, and is looked up. Left out: shapes that are
-intersected by iteration (curves, ``sdfgrid``, ``ellipsoids``), which keep Mitsuba's offset.
+that it is all but 0 on a floor at y = 0. Source: [PharrJakobHumphreys2023], section 6.8, for the bounds and for
+rounding away from the surface; here that of a triangle holds for all of its points, and is looked up. Left out: shapes
+that are intersected by iteration (curves, ``sdfgrid``, ``ellipsoids``), which keep Mitsuba's offset.
 """
 
 import drjit as dr
@@ -23,6 +23,8 @@ UNKNOWN = 0xFFFFFFFF
 # Roundings of the square of the distance over the radius, in the solution of a quadratic equation in single precision:
 # measured are 3 for cylinders and 9 for spheres in instances
 QUADRATIC, INSTANCED = 8, 24
+# Of a face's size, where the bound is 0: rays that begin in its very plane meet it if Embree is told to be robust
+LEAST = 2.0**-40
 MITSUBA = 1500 * 2.0**-24  # its epsilon
 
 
@@ -136,13 +138,17 @@ def _radius(shape):
 
 
 def _face_errors(mesh):
-    """For each face ``gamma_7 |n| . max |v|``, with its unit normal and the largest coordinates of its corners."""
+    """For each face ``gamma_7 |n| . max |v|``, with its unit normal and the largest coordinates of its corners.
+
+    It isn't quite 0 unless the face is a point.
+    """
     v = np.array(mesh.vertex_positions_buffer(), np.float64).reshape(-1, 3)
     corners = v[np.array(mesh.faces_buffer()).reshape(-1, 3)]
     n = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(n, axis=1, keepdims=True)
     n = np.divide(n, length, out=np.full_like(n, np.sqrt(1 / 3)), where=length > 0)
-    return gamma(7) * np.einsum("fi,fi->f", np.abs(n), np.abs(corners).max(axis=1))
+    size = np.abs(corners - np.roll(corners, 1, axis=1)).max(axis=(1, 2), initial=0.0)
+    return np.maximum(gamma(7) * np.einsum("fi,fi->f", np.abs(n), np.abs(corners).max(axis=1)), LEAST * size)
 
 
 def _is_instance(shape):

@@ -205,7 +205,7 @@ def fill_film(integrator, scene, sensor=0, seed=0, spp=0, develop=True, evaluate
 
 
 def contained(L):
-    """Return radiance (``Spectrum``) with 0 where it isn't finite, which Mitsuba's integrators would put on the film."""
+    """Return radiance (``Spectrum``) with 0 where it isn't finite: Mitsuba's integrators put all on the film."""
     return dr.select(dr.all(dr.isfinite(L)), L, 0)
 
 

@@ -1,10 +1,11 @@
-"""Refuse scenes whose numbers are not finite, before Mitsuba loads them in silence.
+"""Refuse scenes that Mitsuba loads in silence and then renders wrongly, or that abort it.
 
-The text is scanned for the line and the spelling of a number; the parsed scene is checked as well, which
-has what the scan cannot see, such as a matrix that overflows. Left out: numbers inside meshes and textures
-(Mitsuba checks mesh vertices itself).
+The text is scanned for the line and the spelling of a number that isn't finite; the parsed scene is checked as well,
+which has what the scan cannot see, such as a matrix that overflows, or what parts an object consists of. Left out:
+numbers inside meshes and textures (Mitsuba checks mesh vertices itself).
 """
 
+import collections
 import math
 import re
 
@@ -27,9 +28,15 @@ NUMERIC_ELEMENTS = frozenset(
 )
 NUMERIC_ATTRIBUTES = frozenset(["value", "x", "y", "z", "angle", "origin", "target", "up"])
 LARGEST = 3.4028235e38  # of single precision, in which Mitsuba computes
+LONGEST = 1e18  # of a length, whose square has to be finite too
+OF_SURFACES = frozenset(["area", "directionalarea"])  # emitters that need a shape
+OTHERS = frozenset(
+    ["constant", "directional", "envmap", "point", "projector", "spot", "sunsky"]
+)  # that mustn't have one
 
 _SKIPPED = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|<!DOCTYPE[^>]*>", re.DOTALL)
 _ELEMENT = re.compile(r"<([A-Za-z_][\w.:-]*)((?:\s+[\w.:-]+\s*=\s*(?:\"[^\"]*\"|'[^']*'))*)\s*/?>")
+_TAG = re.compile(r"<(/?)([A-Za-z_][\w.:-]*)((?:\s+[\w.:-]+\s*=\s*(?:\"[^\"]*\"|'[^']*'))*)\s*(/?)>")
 _ATTRIBUTE = re.compile(r"([\w.:-]+)\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
 
 
@@ -38,12 +45,17 @@ def elements(text):
 
     The scan is lenient, as Mitsuba's parser is: it takes ``--`` in comments, which strict parsers refuse.
     """
-    text = _SKIPPED.sub(lambda skipped: re.sub(r"[^\n]", " ", skipped[0]), text)
+    text = _blank(text)
     line, seen = 1, 0
     for match in _ELEMENT.finditer(text):
         line += text.count("\n", seen, match.start())
         seen = match.start()
         yield line, match[1], {name: a or b for name, a, b in _ATTRIBUTE.findall(match[2])}
+
+
+def _blank(text):
+    """Replace what is no element by blanks."""
+    return _SKIPPED.sub(lambda skipped: re.sub(r"[^\n]", " ", skipped[0]), text)
 
 
 def check_text(text, file, parameters):
@@ -68,23 +80,81 @@ def check_text(text, file, parameters):
 
 
 def check_nodes(nodes, locate):
-    """Check the numbers of a parsed scene; ``locate(node)`` names the file and line of a node.
+    """Check the numbers and the parts of a parsed scene; ``locate(node)`` names the file and line of a node.
 
     Raises:
-        UsageError: a number is NaN, infinite or beyond single precision.
+        UsageError: a number is NaN, infinite or beyond single precision, a length has a square that is, or an object
+            lacks a part without which Mitsuba aborts or ignores it.
     """
     import mitsuba as mi
 
+    holders = {}
     for node in nodes:
         props = mi.Properties(node.props)  # a copy: what is read here must not count as read by the plugin
         for name in props.keys():  # noqa: SIM118, not a mapping
-            numbers = _numbers(props, name)
-            if not all(abs(number) <= LARGEST for number in numbers):
-                value = next(number for number in numbers if not abs(number) <= LARGEST)
+            if props.type(name).name == "ResolvedReference":
+                holders.setdefault(props[name].index(), []).append(node)
+            limit = LONGEST if _is_length(node, props, name) else LARGEST
+            wrong = [number for number in _numbers(props, name) if not abs(number) <= limit]
+            if wrong:
+                wanted = "length up to 1e18" if abs(wrong[0]) <= LARGEST else "finite float32"
                 raise UsageError(
-                    f"{locate(node)}: {name!r} of '{props.plugin_name()}' contains {value}; "
-                    "a finite float32 is needed"
+                    f"{locate(node)}: {name!r} of '{props.plugin_name()}' contains {wrong[0]:g}; a {wanted} is needed"
                 )
+    for number, node in enumerate(nodes):
+        if complaint := _lacks(node, nodes, holders.get(number, ())):
+            raise UsageError(f"{locate(node)}: '{node.props.plugin_name()}' {complaint}")
+
+
+def repeated(text):
+    """Yield ``(line, name)`` for each property of an XML text that its element already has."""
+    text = _blank(text)
+    seen = [set()]
+    for match in _TAG.finditer(text):
+        closes, tag, attributes, is_empty = match.groups()
+        if closes:
+            del seen[max(len(seen) - 1, 1) :]
+            continue
+        name = {name: a or b for name, a, b in _ATTRIBUTE.findall(attributes)}.get("name")
+        if name is not None and tag != "default":
+            if name in seen[-1]:
+                yield text.count("\n", 0, match.start()) + 1, name
+            seen[-1].add(name)
+        if not is_empty:
+            seen.append(set())
+
+
+def _lacks(node, nodes, holders):
+    """Say what an object lacks, as a clause, or return an empty text; ``holders`` are those that it is a part of."""
+    import mitsuba as mi
+
+    props = mi.Properties(node.props)
+    plugin, held = props.plugin_name(), {holder.type.name for holder in holders}
+    parts = [props[name] for name in props.keys() if props.type(name).name == "ResolvedReference"]  # noqa: SIM118
+    count = collections.Counter(nodes[part.index()].type.name for part in parts)
+    if plugin == "bitmap" and "filename" not in props:
+        return "needs a 'filename'"
+    if plugin == "blendbsdf" and count["BSDF"] != 2:
+        return f"needs two BSDFs, not {count['BSDF']}"
+    if plugin == "volume" and node.type.name == "Texture" and not count["Volume"]:
+        return "needs a <volume>"
+    if plugin == "shapegroup" and not count["Shape"]:
+        return "needs a shape"
+    if plugin == "irradiancemeter" and "Shape" not in held:
+        return "measures on a shape; put it into one"
+    if plugin in OF_SURFACES and "Shape" not in held:
+        return "shines from a shape; put it into one"
+    if plugin in OTHERS and node.type.name == "Emitter" and "Shape" in held:
+        return "does not shine from a shape; put it beside the shape, not into it"
+    if plugin == "timed_sunsky":
+        return "cannot be rendered by this version of Mitsuba, only 'sunsky' can"
+    return ""
+
+
+def _is_length(node, props, name):
+    """Whether a property of an object is a place in space, which may be as a matrix."""
+    is_placed = node.type.name in ("Shape", "Sensor", "Emitter")
+    return is_placed and (props.type(name).name == "Vector" or name in ("to_world", "radius"))
 
 
 def _numbers(props, name):

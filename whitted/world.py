@@ -338,7 +338,7 @@ def _arrived(hit, reach, shape):
 
 
 def _which_are_convex(shapes):
-    """Whether all shapes of lights are convex, or none is, ``bool``; else by registry number 1 for one that is, or 0."""
+    """Whether all shapes of lights are convex, or none is, ``bool``; else by registry number 1 for those, else 0."""
     found = {registry_number(shape): _is_convex(shape) for shape in shapes}
     if len(set(found.values())) < 2:
         return any(found.values())

@@ -32,3 +32,37 @@ def distance(o, d, n, h):
     """
     above = -sum_of_products((n.x, o.x), (n.y, o.y), (n.z, o.z), (h, type(h)(-1)))
     return above / sum_of_products((n.x, d.x), (n.y, d.y), (n.z, d.z))
+
+
+def textbook_footprint(o, d, d_x, n, h):
+    r"""Return how far the hit moves on a plane from one ray to its neighbour, as the difference of both hits.
+
+    .. math:: \Delta p = (o + t_x d_x) - (o + t d)
+
+    What is left of the hits' digits is fewer the finer the pixels are.
+
+    Args:
+        o: point [N], of both rays.
+        d, d_x: vectors [N], their directions.
+        n: vector [N], of any length.
+        h: ``Float`` [N], the plane is where ``n . x = h``.
+
+    Returns:
+        Vector [N].
+    """
+    hit, hit_x = (o + textbook_distance(o, direction, n, h) * direction for direction in (d, d_x))
+    return hit_x - hit
+
+
+def footprint(o, d, d_x, n, h):
+    r"""Return the same from the difference of the directions, which is exact between neighbours.
+
+    .. math:: \Delta p = t \left(\Delta d - \frac{n \cdot \Delta d}{n \cdot d_x} d_x\right)
+
+    Source: [Igehy1999], with differences for differentials. The arguments and the result are those of
+    `textbook_footprint`.
+    """
+    change = d_x - d
+    slopes = (sum_of_products((n.x, v.x), (n.y, v.y), (n.z, v.z)) for v in (change, d_x))
+    along, across = slopes
+    return distance(o, d, n, h) * (change - along / across * d_x)

@@ -78,7 +78,8 @@ class Case:
         """Return the `Result` of the whole sweep."""
         points = []
         for value in self.values or (None,):
-            found = self.measure() if value is None else self.measure(value)
+            with np.errstate(all="ignore"):  # what is no number counts as an infinite error
+                found = self.measure() if value is None else self.measure(value)
             tolerance = self.tolerance(value) if callable(self.tolerance) else self.tolerance
             points.append(Point(value, found.ours, found.textbook, found.reference, float(tolerance)))
         return Result(self, tuple(points))
@@ -156,6 +157,7 @@ def case(number, family, *, tolerance, why, source, unit="", sweep=("", ())):
     def register(measure):
         asks = measure.__doc__[0].lower() + measure.__doc__[1:].rstrip(".")
         made = Case(measure.__name__, number, family, asks, unit, *sweep, tolerance, why, source, measure)
+        assert not any(made.name in known for known in FAMILIES.values()), f"two cases are called {made.name}"
         FAMILIES.setdefault(family, {})[made.name] = made
         return measure
 

@@ -5,13 +5,28 @@ import importlib
 from whitted.errors import UsageError, nearest
 from whitted.hardcases.case import FAMILIES
 
-MODULES = ("spheres", "planes")
+MODULES = (
+    "spheres",
+    "planes",
+    "surfaces",
+    "scenes",
+    "lights",
+    "penumbrae",
+    "camera",
+    "reflection",
+    "specular",
+    "gloss",
+    "values",
+    "statistics",
+)
 
 # Numbers of the catalogue that need what the toolkit doesn't have yet
 LATER = {
     "moving objects": ("73", "74", "75", "76", "77", "78"),
-    "structures of its own": ("20", "78"),
     "adaptive sampling": ("87", "88"),
+    "structures of its own": ("78",),
+    "instances in instances": ("R12",),
+    "smoothed shadow terminators, which Mitsuba's pictures don't have either": ("26",),
 }
 
 

@@ -65,10 +65,11 @@ def _measure(pair, precision):
     seconds = {name: [] for name in forms}
     for turn in range(TURNS + 1):
         for name, form in forms.items():
-            took = _seconds(form, timed)
+            took = _seconds(form, timed, precision)
             if turn:  # the first one compiles
                 seconds[name].append(took)
-    inputs = [np.float32(x) for x in pair.inputs(np.random.default_rng(2), CHECKED)]
+    drawn = pair.inputs(np.random.default_rng(2), CHECKED)
+    inputs = [np.asarray(x, PRECISIONS[precision]) for x in drawn]
     truth = _truth(pair, inputs)
     digits = [_digits(form(*_arrays(inputs, precision)), truth) for form in forms.values()]
     unit = 1e9 * dr.thread_count() / (LANES * ROUNDS)
@@ -77,13 +78,17 @@ def _measure(pair, precision):
 
 def _arrays(inputs, precision):
     """Dr.Jit arrays of a precision, vectors where there are three rows."""
-    vector, number = (mi.Vector3f, mi.Float32) if precision == "single" else (mi.Vector3d, mi.Float64)
+    vector, number = _types(precision)
     return [(vector if np.ndim(x) == 2 else number)(np.asarray(x, PRECISIONS[precision])) for x in inputs]
 
 
-def _seconds(form, inputs):
+def _types(precision):
+    return (mi.Vector3f, mi.Float32) if precision == "single" else (mi.Vector3d, mi.Float64)
+
+
+def _seconds(form, inputs, precision):
     """The kernel's seconds for `ROUNDS` evaluations in each lane, each of inputs a little different."""
-    number = type(inputs[-1]) if not hasattr(inputs[-1], "x") else type(inputs[-1].x)
+    _, number = _types(precision)
 
     def step(i, total):
         first = inputs[0] * (1 + number(i) * 2.0**-20)
@@ -123,4 +128,4 @@ def _digits(found, truth):
             for value, exact in zip(found, truth, strict=True)
         ]
     worst = float(sorted(errors)[round(0.9 * (len(errors) - 1))])
-    return min(max(-math.log10(worst), 0.0), MOST_DIGITS) if worst else MOST_DIGITS
+    return min(max(0.0, -math.log10(worst)), MOST_DIGITS) if worst else MOST_DIGITS

@@ -202,7 +202,7 @@ def inside_a_sphere(place):
 
 
 @case(
-    "8", FAMILY, unit="radii",
+    "8, R10", FAMILY, unit="radii",
     sweep=("distance", (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)), tolerance=2 * U + 2 * U,
     why="2 u of the radius, and as many of the centre, once the point is put back on the sphere",
     source="PharrJakobHumphreys2023",

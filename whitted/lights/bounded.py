@@ -115,6 +115,7 @@ class BoundedLights:
             leaf, probability, _, valid = self.choice.sample(si.p, n, choice, active)
         valid &= active
         geometry, kind = self._geometry(leaf, valid), self._gather(self.kind, leaf, valid)
+        shape = self._gather(self.shape, leaf, valid)
         found = mi.Vector3f(0, 0, 1), mi.Point3f(0), mi.Spectrum(0), mi.Float(0)
         for one in self.kinds:
             here = valid & (kind == one)
@@ -124,18 +125,18 @@ class BoundedLights:
                 new = self._at_point(leaf, geometry, si, here)
             else:
                 q, d, pdf = _sample(one, geometry, si.p, n, u, here)
-                lit = here & (pdf > 0) & _faces(one, geometry, si.p)
+                lit = here & (pdf > 0) & _faces(one, geometry, si.p, shape == _shape_of(si))
                 new = d, q, dr.select(lit, self._radiance(leaf, si, lit) / pdf, 0), pdf
             if len(self.kinds) > 1:
                 new = tuple(dr.select(here, a, b) for a, b in zip(new, found, strict=True))
             found = new
         d, target, weight, pdf = found
         weight = dr.select(valid, weight * dr.rcp(probability), 0)
-        return LightSample(d, target, weight, pdf * probability, self._gather(self.shape, leaf, valid))
+        return LightSample(d, target, weight, pdf * probability, shape)
 
     def pdf(self, si, p, n, active, shares=None):
         """Return the density (``Float``) with which ``sample`` at ``p``, ``n`` finds the point ``si`` of a light."""
-        shape = dr.reinterpret_array(mi.UInt32, si.shape)
+        shape = _shape_of(si)
         leaf = dr.gather(mi.UInt32, self.first, shape, active & (shape < self.shapes))
         active = active & (shape < self.shapes) & (leaf != NOT_SAMPLED)
         if TRIANGLE in self.kinds:
@@ -158,7 +159,8 @@ class BoundedLights:
         E = mi.Spectrum(0)
         for number in range(self.count):
             kind, geometry = self.every_kind[number], self._geometry(number, True)
-            seen = active & _faces(kind, geometry, si.p)
+            own = self._gather(self.shape, number, True) == _shape_of(si)
+            seen = active & _faces(kind, geometry, si.p, own)
             value = SHAPES[kind].irradiance(
                 *_arguments(kind, geometry), si.p, n, **_side(kind, geometry, si.p)
             )
@@ -205,6 +207,11 @@ class BoundedLights:
         receiver.p, receiver.time, receiver.wavelengths = p, si.time, si.wavelengths
         ds = mi.DirectionSample3f(self.scene, si, receiver)
         return self._light(leaf, active).pdf_direction(receiver, ds, active)
+
+
+def _shape_of(si):
+    """The registry number of the shape at ``si``, 0 if there is none."""
+    return dr.reinterpret_array(mi.UInt32, si.shape)
 
 
 def _sample(kind, geometry, p, n, u, active):
@@ -284,18 +291,23 @@ def _arguments(kind, geometry):
 
 
 def _side(kind, geometry, p):
-    """What a light that is lit from inside has to be told of the points on it."""
-    if kind != SPHERE:
-        return {}
-    centre, radius = _arguments(kind, geometry)
-    from_inside = dr.norm(p - centre) < radius
-    return {"inside": from_inside | (~(geometry[4] > 0) & sphere.is_inside(centre, radius, p))}
+    """What the functions of a sphere have to be told of points on it: they are on the side that is lit."""
+    return {"inside": _is_inside(geometry, p)} if kind == SPHERE else {}
 
 
-def _faces(kind, geometry, p):
-    """Whether a light emits towards ``p``; points of its own surface, up to rounding, count as behind it."""
+def _is_inside(geometry, p):
+    """Whether ``p`` is inside of a sphere, or on one that is lit from inside."""
+    return sphere.is_inside(*_arguments(SPHERE, geometry), p, narrow=geometry[4] > 0)
+
+
+def _faces(kind, geometry, p, own):
+    """Whether a light emits towards ``p``; points of a flat light's plane, up to rounding, count as behind it.
+
+    ``own`` (``Bool`` [N]): ``p`` is on the light itself.
+    """
     if kind == SPHERE:
-        return sphere.is_inside(*_arguments(kind, geometry), p) == ~(geometry[4] > 0)
+        emits_outwards = geometry[4] > 0
+        return (_is_inside(geometry, p) ^ emits_outwards) & ~(own & emits_outwards)
     first, second, third = _arguments(kind, geometry)
     normal = {
         RECTANGLE: lambda: dr.cross(second, third),

@@ -100,10 +100,13 @@ def irradiance(centre, radius, p, n, inside=None):
     return dr.select(view.inside, dr.pi, E)
 
 
-def is_inside(centre, radius, p):
-    """Return where ``p`` (``Point3f`` [N]) is inside of a sphere or, up to rounding, on it (``Bool``)."""
+def is_inside(centre, radius, p, narrow=False):
+    """Return where ``p`` (``Point3f`` [N]) is inside of a sphere or, up to rounding, on it (``Bool``).
+
+    Where ``narrow`` (``Bool`` [N or 1]), what is on it up to rounding counts as outside.
+    """
     margin = MARGIN * (radius + dr.norm(p)) * radius
-    return dr.squared_norm(p - centre) - dr.square(radius) <= margin
+    return dr.squared_norm(p - centre) - dr.square(radius) <= dr.select(narrow, -margin, margin)
 
 
 class _View:

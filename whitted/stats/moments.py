@@ -10,6 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+# Of a pixel; filters give its own sample no less, so that then negative lobes have cancelled the rest
+LEAST_WEIGHT = 0.25
+
 
 @dataclass
 class Moments:
@@ -37,8 +40,19 @@ class Moments:
         return Moments(self.sums[..., :channels], self.weights)
 
     def mean(self):
-        """Return the estimate of each pixel, ``float32`` [H, W, C]; 0 where there is no sample."""
-        return _ratio(self.sums.sum(0), self.weights.sum(0)).astype(np.float32)
+        """Return the estimate of each pixel, ``float32`` [H, W, C]; 0 where there is no sample.
+
+        A filter with negative lobes may leave a pixel of one sample next to no weight, and then the ratio of the sums
+        is of any size. Such a pixel is taken from its neighbours m, as far as its own sums fall short:
+        m + (S - m W) / LEAST_WEIGHT.
+        """
+        sums, weights = self.sums.sum(0), self.weights.sum(0)
+        mean = _ratio(sums, weights)
+        weak = (weights != 0) & (weights < LEAST_WEIGHT)
+        if weak.any():
+            near = _ratio(_around(sums), _around(weights))
+            mean[weak] = (near + (sums - near * weights[..., None]) / LEAST_WEIGHT)[weak]
+        return mean.astype(np.float32)
 
     def standard_error(self):
         """Return the standard error of ``mean``, ``float32`` [H, W, C]; None below two groups.
@@ -74,6 +88,13 @@ class Moments:
 def root_mean_square(values):
     """Return the root mean square of an array, in double precision."""
     return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
+
+
+def _around(a):
+    """The sums over the three by three pixels around each of an array [H, W, ...], as far as there are any."""
+    padded = np.pad(a, [(1, 1), (1, 1)] + [(0, 0)] * (a.ndim - 2))
+    height, width = a.shape[:2]
+    return sum(padded[y : y + height, x : x + width] for y in range(3) for x in range(3))
 
 
 def _ratio(a, weights):
