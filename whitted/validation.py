@@ -29,6 +29,22 @@ NUMERIC_ELEMENTS = frozenset(
 NUMERIC_ATTRIBUTES = frozenset(["value", "x", "y", "z", "angle", "origin", "target", "up"])
 LARGEST = 3.4028235e38  # of single precision, in which Mitsuba computes
 LONGEST = 1e18  # of a length, whose square has to be finite too
+# By plugin or kind: numbers beyond which Mitsuba aborts, never ends, or reads them as something else
+RANGES = {
+    "Sampler": {"sample_count": (1, 1 << 30)},
+    "Film": {
+        "width": (1, 65535),
+        "height": (1, 65535),
+        "crop_width": (1, 65535),
+        "crop_height": (1, 65535),
+        "crop_offset_x": (0, 65534),
+        "crop_offset_y": (0, 65534),
+    },
+    "gaussian": {"stddev": (0, 16)},
+    "tent": {"radius": (0, 64)},
+    "lanczos": {"lobes": (1, 64)},
+    "mitchell": {"B": (-100, 100), "C": (-100, 100)},
+}
 OF_SURFACES = frozenset(["area", "directionalarea"])  # emitters that need a shape
 OTHERS = frozenset(
     ["constant", "directional", "envmap", "point", "projector", "spot", "sunsky"]
@@ -101,6 +117,12 @@ def check_nodes(nodes, locate):
                 raise UsageError(
                     f"{locate(node)}: {name!r} of '{props.plugin_name()}' contains {wrong[0]:g}; a {wanted} is needed"
                 )
+        for name, (low, high) in _ranges(node, props).items():
+            if name in props and not all(low <= number <= high for number in _numbers(props, name)):
+                raise UsageError(
+                    f"{locate(node)}: {name!r} of '{props.plugin_name()}' is {props[name]:g}; "
+                    f"accepted are {low} to {high}"
+                )
     for number, node in enumerate(nodes):
         if complaint := _lacks(node, nodes, holders.get(number, ())):
             raise UsageError(f"{locate(node)}: '{node.props.plugin_name()}' {complaint}")
@@ -149,6 +171,10 @@ def _lacks(node, nodes, holders):
     if plugin == "timed_sunsky":
         return "cannot be rendered by this version of Mitsuba, only 'sunsky' can"
     return ""
+
+
+def _ranges(node, props):
+    return RANGES.get(node.type.name, {}) | RANGES.get(props.plugin_name(), {})
 
 
 def _is_length(node, props, name):

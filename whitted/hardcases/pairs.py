@@ -1,10 +1,12 @@
 """The textbook forms and the stable ones beside them whose cost and digits are measured."""
 
+import drjit as dr
 import numpy as np
 
 from whitted import optics
-from whitted.geometry import plane, sphere
+from whitted.geometry import plane, polygon, sphere, triangle
 from whitted.hardcases.forms import Pair
+from whitted.hardcases.planes import star
 
 FAR = 100.0  # radii
 ETA = 1.5
@@ -67,6 +69,44 @@ def _narrow_lobe(rng, count):
     return rng.uniform(0.1, 10, count) / n, n
 
 
+def _towards_a_triangle(rng, count):
+    v = rng.uniform(-1, 1, (3, 3, count))
+    target = np.einsum("kn,kin->in", rng.dirichlet((2, 2, 2), count).T, v)
+    o = rng.standard_normal((3, count))
+    o *= 3 / np.linalg.norm(o, axis=0)
+    return o, target - o, *v
+
+
+def _distance(form):
+    return lambda *arguments: form(*arguments)[1]
+
+
+def _triangle_distance(o, d, v0, v1, v2):
+    e1, e2, s = ([x - y for x, y in zip(a, b, strict=True)] for a, b in ((v1, v0), (v2, v0), (o, v0)))
+    n = [e1[i - 2] * e2[i - 1] - e1[i - 1] * e2[i - 2] for i in range(3)]
+    return -sum(x * y for x, y in zip(n, s, strict=True)) / sum(x * y for x, y in zip(n, d, strict=True))
+
+
+STAR = star()
+
+
+def _level_with_corners(rng, count):
+    return rng.integers(-1000, 1001, count) + 0.5, rng.choice([float(y) for _, y in STAR], count)
+
+
+def _side(form):
+    """1 outside of the star, 2 inside."""
+    return lambda x, y: dr.select(form(x, y, STAR), type(x)(2), 1)
+
+
+def _side_of_star(x, y):
+    inside = False
+    for (ax, ay), (bx, by) in zip(STAR, [*STAR[1:], STAR[0]], strict=True):
+        area = (bx - ax) * (y - ay) - (x - ax) * (by - ay)
+        inside ^= (ay <= y < by and area > 0) or (by <= y < ay and area < 0)
+    return 2 if inside else 1
+
+
 PAIRS = (
     Pair(
         "hit on a sphere 100 radii away",
@@ -81,6 +121,20 @@ PAIRS = (
         plane.distance,
         _towards_a_plane,
         _plane_distance,
+    ),
+    Pair(
+        "hit on a triangle, watertight",
+        _distance(triangle.textbook_hit),
+        _distance(triangle.hit),
+        _towards_a_triangle,
+        _triangle_distance,
+    ),
+    Pair(
+        "inside a star of 14 corners, level with one",
+        _side(polygon.textbook_inside),
+        _side(polygon.inside),
+        _level_with_corners,
+        _side_of_star,
     ),
     Pair(
         "refraction within 1/1000 of the normal",
