@@ -11,7 +11,7 @@ NEW_PYTHON := $(firstword $(foreach python,$(PYTHON) python3.11 python3.12 pytho
 PIP := -m pip --disable-pip-version-check --quiet
 SOURCES := $(shell find whitted integrators scenes -type f -not -name '*.pyc' 2>/dev/null) README.md LICENSE
 
-.PHONY: help demo test test-long benchmarks studies studies-paper viewer lint format clean
+.PHONY: help demo test test-long fuzz benchmarks studies studies-paper viewer lint format clean
 
 help: ## say what there is
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -25,6 +25,9 @@ test: .venv-test/ready ## build the wheel, install it, and run the tests against
 
 test-long: .venv-test/ready ## run the tests that take minutes, such as the rate of false alarms
 	PYTHONSAFEPATH=1 WHITTED_TEST_WHEEL=1 .venv-test/bin/python -m pytest -m long $(PYTEST_FLAGS)
+
+fuzz: .venv/ready ## render 2000 scenes mutated at random: half an hour; what fails stays in out/fuzz
+	.venv/bin/python tests/fuzz.py --keep out/fuzz $(FUZZ_FLAGS)
 
 benchmarks: .venv/ready ## measure all tables of docs/*.md and README.md: two hours of a quiet machine
 	@for script in benchmarks/{distribution,ablations,rays,path,povray,study_scale} replicate_cost; do \
