@@ -58,6 +58,14 @@ def _panel(axis, result, labels):
         if any(value is not None for value in y):
             y = np.array([math.nan if value is None else value for value in y])
             axis.plot(x, np.where(np.isfinite(y), y, np.nan), label=labels[form], markersize=4, **style)
+            beyond = x[np.isinf(y)]  # at the upper edge
+            at_edge = {
+                "transform": axis.get_xaxis_transform(),
+                "clip_on": False,
+                "linestyle": "",
+                "marker": "^",
+            }
+            axis.plot(beyond, np.ones(len(beyond)), color=style["color"], **at_edge)
     axis.plot(x, [point.tolerance for point in points], color="0.4", linewidth=1, label="tolerance")
     positive = [v for point in points for v in (point.ours, point.tolerance) if v and math.isfinite(v)]
     axis.set_yscale("symlog", linthresh=min(positive, default=1.0) / 10)
