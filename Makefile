@@ -26,7 +26,7 @@ test: .venv-test/ready ## build the wheel, install it, and run the tests against
 test-long: .venv-test/ready ## run the tests that take minutes, such as the rate of false alarms
 	PYTHONSAFEPATH=1 WHITTED_TEST_WHEEL=1 .venv-test/bin/python -m pytest -m long $(PYTEST_FLAGS)
 
-fuzz: .venv/ready ## render 2000 scenes mutated at random: half an hour; what fails stays in out/fuzz
+fuzz: .venv/ready ## render 2000 scenes mutated at random: a quarter of an hour; what fails stays in out/fuzz
 	.venv/bin/python tests/fuzz.py --keep out/fuzz $(FUZZ_FLAGS)
 
 benchmarks: .venv/ready ## measure all tables of docs/*.md and README.md: two hours of a quiet machine

@@ -12,17 +12,8 @@ COUNT = 200
 
 
 def test_each_mutant_ends_in_a_picture_or_in_one_line(tmp_path):
-    command = [
-        sys.executable,
-        fuzz.__file__,
-        "--first",
-        "0",
-        "--count",
-        str(COUNT),
-        "--quick",
-        "--keep",
-        str(tmp_path),
-    ]
+    options = f"--first 0 --count {COUNT} --quick --keep {tmp_path}".split()
+    command = [sys.executable, fuzz.__file__, *options]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.stderr == ""
     assert done.returncode == 0, done.stdout

@@ -57,6 +57,16 @@ BODIES = {
     '<shape type="sphere"><string name="radius" value="1"/></shape>': "expected float, got string",
     '<shape type="sphere"><ref id="none"/></shape>': ":5: unresolved reference",
     '<shape type="sphere" id="camera"/>': ":5: duplicate ID",
+    '<shape type="sphere">\n<float name="radius" value="1"/><float name="radius" value="2"/></shape>': (
+        ":6: <float name='radius'> stands beside another 'radius'"
+    ),
+    '<bsdf type="null" id="a"/><shape type="cube"><ref id="a" name="bsdf"/>\n<ref id="a" name="bsdf"/></shape>': (
+        ":6: <ref name='bsdf'> stands beside another 'bsdf'"
+    ),
+    '<shape type="cube" name="a"/>\n<shape type="sphere" name="a"/>': ":6: <shape name='a'> stands beside another 'a'",
+    # the plugin reads it, but not beside what else is there
+    '<sensor type="perspective"><string name="focal_length" value="50mm"/>\n<string name="fov_axis" value="x"/>'
+    "</sensor>": ":6: 'perspective' does not use its property 'fov_axis' here",
 }
 
 
@@ -98,6 +108,56 @@ def test_numbers_that_are_not_finite_are_refused(write, body, expected):
     assert line.startswith(f"{path}:")
     assert expected in line
     assert "finite" in line
+
+
+# What would abort Mitsuba, never end, or be rendered as something else.
+PARTS = {
+    '<bsdf type="diffuse"><texture type="bitmap" name="reflectance"/></bsdf>': "'bitmap' needs a 'filename'",
+    '<bsdf type="blendbsdf"/>': "'blendbsdf' needs two BSDFs, not 0",
+    '<bsdf type="blendbsdf"><float name="weight" value="1"/><bsdf type="diffuse"/></bsdf>': "two BSDFs, not 1",
+    '<bsdf type="diffuse"><texture type="volume" name="reflectance"/></bsdf>': "'volume' needs a <volume>",
+    '<sensor type="irradiancemeter"/>': "'irradiancemeter' measures on a shape",
+    '<shape type="shapegroup"/>': "'shapegroup' needs a shape",
+    '<emitter type="timed_sunsky"/>': "'timed_sunsky' cannot be rendered",
+    '<emitter type="area"/>': "'area' shines from a shape",
+    '<shape type="sphere"><emitter type="point"/></shape>': "'point' does not shine from a shape",
+    '<emitter type="point"><rgb name="intensity" value="1, -2, 1"/></emitter>': "'point' emits -2; accepted are",
+    '<emitter type="sunsky"><float name="sun_scale" value="-1"/></emitter>': "'sunsky' emits -1; accepted are",
+    '<shape type="sphere"><emitter type="area"><texture type="checkerboard" name="radiance"><spectrum type="d65"'
+    ' name="color0"><rgb name="color" value="1 1 -3"/></spectrum></texture></emitter></shape>': "'area' emits -3",
+    '<shape type="cylinder"><point name="p1" x="0" y="0" z="-0"/></shape>': "a 'p0' and a 'p1' that differ",
+    '<shape type="cylinder"><point name="p0" x="0" y="1e30" z="0"/></shape>': "'p0' of 'cylinder' contains 1e+30",
+    '<shape type="cube"><transform name="to_world"><scale value="1e30"/></transform></shape>': "a length up to 1e18",
+    '<shape type="disk"><transform name="to_world"><scale z="0"/></transform></shape>': "'to_world' of 'disk' flattens",
+    '<shape type="cube"><transform name="to_world"><scale value="1e-30"/></transform></shape>': "scales from 1e-18 on",
+    '<sensor type="perspective"><sampler type="multijitter"><integer name="sample_count" value="0"/></sampler>'
+    "</sensor>": "'sample_count' of 'multijitter' is 0; accepted are 1 to 1073741824",
+    '<sensor type="perspective"><sampler type="ldsampler"><integer name="sample_count" value="2147483647"/></sampler>'
+    "</sensor>": "'sample_count' of 'ldsampler' is 2147483647; accepted are 1 to",
+    '<sensor type="perspective"><film type="hdrfilm"><integer name="crop_offset_x" value="4294967295"/></film>'
+    "</sensor>": "'crop_offset_x' of 'hdrfilm' is 4294967295; accepted are 0 to 65534",
+    '<sensor type="perspective"><film type="hdrfilm"><rfilter type="tent"><float name="radius" value="-1"/></rfilter>'
+    "</film></sensor>": "'radius' of 'tent' is -1; accepted are 0 to 64",
+}
+
+
+@pytest.mark.parametrize(("body", "expected"), PARTS.items(), ids=range(len(PARTS)))
+def test_what_mitsuba_does_not_notice_is_refused(write, body, expected):
+    path = write(body)
+    line = refusal(path)
+    assert line.startswith(f"{path}:5: ")
+    assert expected in line
+
+
+def test_what_is_used_elsewhere_has_its_parts(write):
+    body = (
+        '<emitter type="area" id="glow"/><shape type="sphere"><ref id="glow"/></shape>'
+        '<shape type="sphere"><sensor type="irradiancemeter"><film type="hdrfilm"><rfilter type="box"/></film></sensor>'
+        '</shape><shape type="cylinder"><point name="p0" x="0" y="0" z="2"/></shape>'
+        '<bsdf type="blendbsdf"><float name="weight" value="0.5"/><bsdf type="diffuse"/><bsdf type="phong"/></bsdf>'
+        '<shape type="cube" name="a"/><shape type="cube" name="b"/>'
+    )
+    assert len(scene.load(write(body)).mitsuba.shapes()) == 5
 
 
 def test_numbers_are_checked_in_parameters_and_includes(write):

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from whitted import _plugins, validation
+from whitted import _plugins
 from whitted.errors import UsageError, nearest
 
 _LOCATION = re.compile(r"(?:Error while loading|While loading|At) (.+?) \(line (\d+), col \d+\): ")
@@ -17,7 +17,6 @@ _UNKNOWN_PROPERTY = re.compile(
 )
 _UNUSED_PARAMETER = re.compile(r"Found unused parameters?:\n\s*- \$(\w+)=")
 _CONSTRUCTOR = re.compile(r'failed to instantiate (\w+) plugin of type "(.*?)": (.*)', re.DOTALL)
-_REPEATED = re.compile(r'^could not parse [\w ]+ value "|^Property "(.*?)" was specified multiple times!')
 _TRACEBACK = re.compile(
     r"Traceback \(most recent call last\):\n(?:[ \t][^\n]*\n)*([\w.]+)(?:: (.*))?", re.DOTALL
 )
@@ -55,10 +54,7 @@ def explain(error, texts=None, parameters=()):
     for location in _LOCATION.finditer(message):
         where, line, rest = location[1], int(location[2]), message[location.end() :]
     message = rest if where else re.sub(r'(?:At|While loading) dictionary node ".*?": ', "", message)
-    if (match := _REPEATED.match(message)) and (again := _repetition(texts or {}, where, line, match[1])):
-        where, line, name = again
-        message = f"the property {name!r} is given twice"
-    elif match := _UNKNOWN_PROPERTY.search(message):
+    if match := _UNKNOWN_PROPERTY.search(message):
         kind, plugin, listed = match.groups()
         names = re.findall(r'^  - \w+ "(.*?)":', listed, re.MULTILINE)
         line = _line_of_name((texts or {}).get(where, ""), line, names[0])
@@ -75,18 +71,6 @@ def explain(error, texts=None, parameters=()):
         message = f"{kind}{match[2]!r}: {_cause(match[3])}"
     message = " ".join(re.sub(r'^Error while loading XML file "(.*?)": ', r"\1: ", message).split())
     return UsageError(f"{where}:{line}: {message}" if where else message)
-
-
-def _repetition(texts, where, line, name):
-    """Return file, line and name of a property that is given twice, or None.
-
-    Mitsuba names the property but not its place, or else the place of a value that it says cannot be parsed.
-    """
-    for file, text in texts.items():
-        for number, again in validation.repeated(text):
-            if again == name or (name is None and (file, number) == (where, line)):
-                return file, number, again
-    return None
 
 
 def complaint(error):

@@ -45,6 +45,8 @@ RANGES = {
     "lanczos": {"lobes": (1, 64)},
     "mitchell": {"B": (-100, 100), "C": (-100, 100)},
 }
+EMISSION = frozenset(["intensity", "irradiance", "radiance", "scale", "sky_scale", "sun_scale"])
+CYLINDER = {"p0": (0, 0, 0), "p1": (0, 0, 1)}  # its ends, as Mitsuba has them by default
 OF_SURFACES = frozenset(["area", "directionalarea"])  # emitters that need a shape
 OTHERS = frozenset(
     ["constant", "directional", "envmap", "point", "projector", "spot", "sunsky"]
@@ -66,7 +68,11 @@ def elements(text):
     for match in _ELEMENT.finditer(text):
         line += text.count("\n", seen, match.start())
         seen = match.start()
-        yield line, match[1], {name: a or b for name, a, b in _ATTRIBUTE.findall(match[2])}
+        yield line, match[1], _attributes(match[2])
+
+
+def _attributes(text):
+    return {name: a or b for name, a, b in _ATTRIBUTE.findall(text)}
 
 
 def _blank(text):
@@ -75,11 +81,13 @@ def _blank(text):
 
 
 def check_text(text, file, parameters):
-    """Check the numbers in an XML text; ``<default>`` elements are added to the dict ``parameters``.
+    """Check numbers and names in an XML text; ``<default>`` elements are added to the dict ``parameters``.
 
     Raises:
-        UsageError: a number is NaN, infinite or beyond single precision; the line names file, line and value.
+        UsageError: a number is NaN, infinite or beyond single precision, or an element has two parts of one name;
+            the line names file, line and value.
     """
+    _check_names(text, file)
     for line, tag, attributes in elements(text):
         if tag == "default" and "name" in attributes:
             parameters.setdefault(attributes["name"], attributes.get("value", ""))
@@ -99,8 +107,8 @@ def check_nodes(nodes, locate):
     """Check the numbers and the parts of a parsed scene; ``locate(node)`` names the file and line of a node.
 
     Raises:
-        UsageError: a number is NaN, infinite or beyond single precision, a length has a square that is, or an object
-            lacks a part without which Mitsuba aborts or ignores it.
+        UsageError: a number is NaN, infinite or beyond single precision, a length has a square that is, a transform
+            has no inverse, or an object lacks a part without which Mitsuba aborts or ignores it.
     """
     import mitsuba as mi
 
@@ -117,33 +125,58 @@ def check_nodes(nodes, locate):
                 raise UsageError(
                     f"{locate(node)}: {name!r} of '{props.plugin_name()}' contains {wrong[0]:g}; a {wanted} is needed"
                 )
+        if _is_placed(node) and "to_world" in props and not _is_invertible(props["to_world"]):
+            raise UsageError(
+                f"{locate(node)}: 'to_world' of '{props.plugin_name()}' flattens it or makes it too small; "
+                "scales from 1e-18 on are accepted, also across a flat shape"
+            )
         for name, (low, high) in _ranges(node, props).items():
             if name in props and not all(low <= number <= high for number in _numbers(props, name)):
                 raise UsageError(
-                    f"{locate(node)}: {name!r} of '{props.plugin_name()}' is {props[name]:g}; "
+                    f"{locate(node)}: {name!r} of '{props.plugin_name()}' is {props[name]:.10g}; "
                     f"accepted are {low} to {high}"
                 )
     for number, node in enumerate(nodes):
+        if node.type.name == "Emitter" and (negative := min(_strengths(node, nodes), default=0)) < 0:
+            raise UsageError(
+                f"{locate(node)}: '{node.props.plugin_name()}' emits {negative:g}; accepted are numbers from 0 on"
+            )
         if complaint := _lacks(node, nodes, holders.get(number, ())):
             raise UsageError(f"{locate(node)}: '{node.props.plugin_name()}' {complaint}")
 
 
-def repeated(text):
-    """Yield ``(line, name)`` for each property of an XML text that its element already has."""
+def _check_names(text, file):
+    """Refuse an element that has two parts of one name: Mitsuba takes the last in silence, or misnames the mistake."""
     text = _blank(text)
-    seen = [set()]
+    names = [set()]  # of the parts of each open element
     for match in _TAG.finditer(text):
         closes, tag, attributes, is_empty = match.groups()
         if closes:
-            del seen[max(len(seen) - 1, 1) :]
+            del names[max(len(names) - 1, 1) :]
             continue
-        name = {name: a or b for name, a, b in _ATTRIBUTE.findall(attributes)}.get("name")
+        name = _attributes(attributes).get("name")
         if name is not None and tag != "default":
-            if name in seen[-1]:
-                yield text.count("\n", 0, match.start()) + 1, name
-            seen[-1].add(name)
+            if name in names[-1]:
+                line = 1 + text.count("\n", 0, match.start())
+                raise UsageError(f"{file}:{line}: <{tag} name={name!r}> stands beside another {name!r}")
+            names[-1].add(name)
         if not is_empty:
-            seen.append(set())
+            names.append(set())
+
+
+def _strengths(node, nodes):
+    """Yield the numbers that say how much an emitter emits, those of its textures included."""
+    import mitsuba as mi
+
+    props = mi.Properties(node.props)
+    for name in props.keys():  # noqa: SIM118, not a mapping
+        kind = props.type(name).name
+        if kind == "ResolvedReference":
+            part = nodes[props[name].index()]
+            if part.type.name == "Texture":
+                yield from _strengths(part, nodes)
+        elif kind in ("Float", "Color", "Spectrum") and (name in EMISSION or node.type.name == "Texture"):
+            yield from _numbers(props, name)
 
 
 def _lacks(node, nodes, holders):
@@ -162,6 +195,8 @@ def _lacks(node, nodes, holders):
         return "needs a <volume>"
     if plugin == "shapegroup" and not count["Shape"]:
         return "needs a shape"
+    if plugin == "cylinder" and not any(_axis(props)):
+        return "needs a 'p0' and a 'p1' that differ"
     if plugin == "irradiancemeter" and "Shape" not in held:
         return "measures on a shape; put it into one"
     if plugin in OF_SURFACES and "Shape" not in held:
@@ -173,14 +208,37 @@ def _lacks(node, nodes, holders):
     return ""
 
 
+def _axis(props):
+    """Return the difference of a cylinder's ends, rounded as Mitsuba rounds them, as a list of numbers."""
+    import numpy as np
+
+    ends = zip(*(props.get(name, end) for name, end in CYLINDER.items()), strict=True)
+    return [float(np.float32(high)) - float(np.float32(low)) for low, high in ends]
+
+
 def _ranges(node, props):
     return RANGES.get(node.type.name, {}) | RANGES.get(props.plugin_name(), {})
 
 
+def _is_placed(node):
+    """Whether an object has a place in space."""
+    return node.type.name in ("Shape", "Sensor", "Emitter")
+
+
 def _is_length(node, props, name):
-    """Whether a property of an object is a place in space, which may be as a matrix."""
-    is_placed = node.type.name in ("Shape", "Sensor", "Emitter")
-    return is_placed and (props.type(name).name == "Vector" or name in ("to_world", "radius"))
+    """Whether the numbers of a property are lengths, or become such when they scale a shape."""
+    return _is_placed(node) and (props.type(name).name == "Vector" or name in ("to_world", "radius"))
+
+
+def _is_invertible(transform):
+    """Whether a transform has an inverse, by which normals are transformed, whose numbers have finite squares."""
+    import numpy as np
+
+    try:
+        inverse = np.linalg.inv(np.array(transform.matrix, np.float64)[:3, :3])
+    except np.linalg.LinAlgError:
+        return False
+    return bool((np.abs(inverse) <= LONGEST).all())
 
 
 def _numbers(props, name):
