@@ -282,3 +282,11 @@ def test_memory_does_not_grow_with_the_number_of_passes(python, request):
     assert done.returncode == 0, done.stderr
     few, many = map(float, done.stdout.split())
     assert many < few + 8
+
+
+def test_a_picture_that_is_too_large_is_one_line_and_a_crop_of_it_is_not():
+    scene = room(size=65535)
+    with pytest.raises(UsageError, match="65535x65535 pixels is too large") as error:
+        whitted.render(scene, "whitted", spp=1)
+    assert "\n" not in str(error.value)
+    assert whitted.render(scene, "whitted", spp=1, crop=(30000, 30000, 8, 8)).mean.shape == (8, 8, 3)

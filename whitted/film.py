@@ -16,6 +16,7 @@ import numpy as np
 from whitted.errors import UsageError
 from whitted.sampling.draws import Draws, joint_dimensions
 
+MOST_PIXELS = 1 << 28  # of a picture, of which the sums alone take 10 GB: beyond memory Dr.Jit would abort
 BLOCK = 4  # pixels of a block's side; neighbours share a SIMD packet, and so their rays stay together
 
 
@@ -186,7 +187,7 @@ def windowed(sensor, crop=None):
         crop: x, y, width, height in pixels, or None.
 
     Raises:
-        UsageError: the crop doesn't lie in the film.
+        UsageError: the crop doesn't lie in the film, or is of more than ``MOST_PIXELS``.
     """
     with cropped(sensor) as window:
         if crop is not None:
@@ -197,6 +198,11 @@ def windowed(sensor, crop=None):
                 raise UsageError(
                     f"crop {','.join(map(str, crop))} doesn't lie in the film of {width}x{height} pixels"
                 )
+        if window.pixels > MOST_PIXELS:
+            raise UsageError(
+                f"a picture of {window.width}x{window.height} pixels is too large; accepted are {MOST_PIXELS} in all,"
+                " and crops of larger films"
+            )
         yield window
 
 

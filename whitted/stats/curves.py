@@ -123,7 +123,8 @@ def common_cost(curves):
 def ratio_at(a, b, cost, level=0.95, seed=0, paired=None):
     r"""Return the `Interval` of :math:`\mathrm{MSE}_a / \mathrm{MSE}_b` at equal cost.
 
-    Of 250 studies with 16 replicates 93.6 % held the truth where times varied by 5 %, and 95.6 % where they did by 20 %.
+    Of 250 studies with 16 replicates 93.6 % held the truth where times varied by 5 %, and 95.6 % where they varied by
+    20 %.
 
     Args:
         a, b: `Curve`.
