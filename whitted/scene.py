@@ -18,8 +18,6 @@ from whitted.errors import UsageError, nearest
 from whitted.messages import explain
 from whitted.specification import integrator
 
-FARTHEST = 1e18  # that a lens may be focused at: squares of distances must not overflow
-
 ROBUST = "embree_use_robust_intersections"  # without it rays pass between triangles that share an edge
 
 __all__ = ["Scene", "as_scene", "integrator", "load", "shipped"]
@@ -89,9 +87,9 @@ def _check_lenses(scene, where=""):
     for sensor in scene.sensors():
         if sensor.class_name() == "ThinLensCamera":
             focus, near = float(sensor.focus_distance()[0]), float(sensor.near_clip())
-            if not near <= focus <= FARTHEST:
+            if not near <= focus <= validation.LONGEST:
                 raise UsageError(
-                    f"{where}focus_distance is {focus:g}; accepted are near_clip, {near:g}, to {FARTHEST:g}"
+                    f"{where}focus_distance is {focus:g}; accepted are near_clip, {near:g}, to {validation.LONGEST:g}"
                 )
 
 

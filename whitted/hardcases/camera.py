@@ -9,8 +9,9 @@ import whitted
 from whitted.errors import UsageError
 from whitted.film import Grid, Window, eye_rays
 from whitted.geometry import plane
+from whitted.hardcases.arrays import U
 from whitted.hardcases.case import Errors, case
-from whitted.hardcases.spheres import RAYS, U
+from whitted.hardcases.spheres import RAYS
 from whitted.sampling.groups import Segments
 
 FAMILY = "camera"

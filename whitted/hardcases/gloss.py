@@ -6,11 +6,11 @@ import numpy as np
 from scipy.stats import qmc
 
 from whitted import microfacet, optics
+from whitted.hardcases.arrays import U
 from whitted.hardcases.case import Errors, case
 
 FAMILY = "gloss"
 LANES = 1 << 15
-U = 2.0**-24
 EXPONENTS = (1e1, 1e2, 1e4, 1e5, 1e6, 1e7, 1e8)
 
 

@@ -89,9 +89,7 @@ def gauss(k):
 
 def spread(estimates, mean):
     """Return the standard deviation of estimates relative to their true mean; infinite where one is no number."""
-    with np.errstate(invalid="ignore"):
-        found = np.sqrt(np.mean((estimates / mean - 1) ** 2))
-    return float(found)
+    return float(np.sqrt(np.mean((estimates / mean - 1) ** 2)))
 
 
 def lambert(corners, n):

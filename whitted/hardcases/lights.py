@@ -9,13 +9,13 @@ import mitsuba as mi
 import numpy as np
 
 from whitted.geometry import solidangle
+from whitted.hardcases.arrays import U
 from whitted.hardcases.case import Errors, case
 from whitted.hardcases.lamps import Lamp, gauss, lambert, lattice, receiver, spread, vector
 from whitted.lights import polygon
 
 FAMILY = "lights"
 RAYS = 1 << 14
-U = 2.0**-24
 POINTS = 256  # to a side of the square that estimates are taken at
 UP = (0.0, 0.0, 1.0)
 SLANT = np.array([0.36, -0.48, 0.8])  # unit, towards a light that isn't along an axis

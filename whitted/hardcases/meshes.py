@@ -61,13 +61,22 @@ def rays_at_vertices(vertices, faces, count, seed=0):
     return *_aimed(rng, vertices, vertices[:, chosen].astype(np.float64)), near[:, chosen]
 
 
+def mesh_of(vertices, faces, **parts):
+    """Return an ``mi.Mesh`` of vertices [3, V] and faces [3, F]; ``parts`` are dicts of its BSDF and its emitter."""
+    properties = mi.Properties()
+    for name, part in parts.items():
+        properties[name] = mi.load_dict(part)
+    mesh = mi.Mesh("mesh", np.shape(vertices)[1], np.shape(faces)[1], props=properties)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = np.float32(np.ravel(np.transpose(vertices)))
+    parameters["faces"] = np.uint32(np.ravel(np.transpose(faces)))
+    parameters.update()
+    return mesh
+
+
 def load_mesh(vertices, faces, robust=False):
     """Return an ``mi.Scene`` with the mesh alone; ``robust``: with Embree's watertight, slower intersection."""
-    mesh = mi.Mesh("mesh", vertices.shape[1], faces.shape[1])
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = np.ravel(vertices.T).astype(np.float32)
-    parameters["faces"] = np.ravel(faces.T).astype(np.uint32)
-    parameters.update()
+    mesh = mesh_of(vertices, faces)
     return mi.load_dict({"type": "scene", "mesh": mesh, "embree_use_robust_intersections": robust})
 
 

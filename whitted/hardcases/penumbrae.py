@@ -11,13 +11,13 @@ import numpy as np
 
 from whitted.direct import power_heuristic
 from whitted.geometry import circle
+from whitted.hardcases.arrays import U
 from whitted.hardcases.case import Errors, case
 from whitted.hardcases.lamps import Lamp, lambert, lattice, receiver, shining
 from whitted.lights.primitives import registry_number
 from whitted.world import World
 
 FAMILY = "lights"
-U = 2.0**-24
 SMALLEST = float(np.finfo(np.float32).tiny)  # normal number
 OURS = {"type": "distribution", "effects": "soft_shadows", "max_depth": 2}
 MITSUBA = {"type": "path", "max_depth": 2}

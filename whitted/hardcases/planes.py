@@ -5,17 +5,12 @@ import mitsuba as mi
 import numpy as np
 
 from whitted.geometry import box, frame, plane, polygon, triangle
+from whitted.hardcases.arrays import U, vector
 from whitted.hardcases.case import Errors, case
 from whitted.hardcases.meshes import icosphere, load_mesh, rays_at_edges, rays_at_vertices
 
 FAMILY = "planes, triangles, boxes"
 RAYS = 1 << 15
-U = 2.0**-24
-
-
-def vector(x):
-    """A Dr.Jit vector in single precision from [3, N]."""
-    return mi.Vector3f(np.float32(x))
 
 
 # ---- Planes

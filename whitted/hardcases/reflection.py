@@ -8,11 +8,11 @@ import mitsuba as mi
 import numpy as np
 
 from whitted import optics
+from whitted.hardcases.arrays import U
 from whitted.hardcases.case import Errors, case
 
 FAMILY = "reflection and refraction"
 LANES = 1 << 15
-U = 2.0**-24
 GLASS = np.float32(1.5)
 OF_R, OF_T = 20 * U, 12 * U  # the roundings of `optics.fresnel`, relative
 

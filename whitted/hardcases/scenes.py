@@ -12,11 +12,11 @@ import mitsuba as mi
 import numpy as np
 
 from whitted import transport
+from whitted.hardcases.arrays import U
 from whitted.hardcases.case import Errors, case
-from whitted.hardcases.meshes import icosphere
+from whitted.hardcases.meshes import icosphere, mesh_of
 
 FAMILY = "scenes"
-U = 2.0**-24
 WHITTED = {"type": "whitted", "max_depth": 12, "min_contribution": 0.0}
 DISTRIBUTION = {"type": "distribution", "effects": "all", "max_depth": 6}
 SIZE, SPP = 16, 16  # of pictures
@@ -222,12 +222,7 @@ def _normals(ratio, to_scene):
 
 
 def _as_instance(to_world, vertices, faces):
-    mesh = mi.Mesh("mesh", vertices.shape[1], faces.shape[1])
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = np.ravel(vertices.T)
-    parameters["faces"] = np.ravel(faces.T).astype(np.uint32)
-    parameters.update()
-    group = {"type": "shapegroup", "mesh": mesh}
+    group = {"type": "shapegroup", "mesh": mesh_of(vertices, faces)}
     instance = {"type": "instance", "to_world": to_world, "group": {"type": "ref", "id": "group"}}
     return mi.load_dict({"type": "scene", "group": group, "instance": instance})
 
@@ -365,15 +360,7 @@ def square(half, y, spoilt, down=False, **parts):
     vertices = [(-half, y, -half), (half, y, -half), (half, y, half), (-half, y, half), (0, y, 0)]
     faces = np.array([(0, 2, 1), (0, 3, 2), (1, 1, 1), (0, 4, 2), (3, 3, 1)][: 5 if spoilt else 2])
     faces = faces[:, ::-1] if down else faces
-    properties = mi.Properties()
-    for name, part in parts.items():
-        properties[name] = mi.load_dict(part)
-    mesh = mi.Mesh("square", 5, len(faces), props=properties)
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = np.float32(vertices).ravel()
-    parameters["faces"] = np.uint32(faces).ravel()
-    parameters.update()
-    return mesh
+    return mesh_of(np.transpose(vertices), faces.T, **parts)
 
 
 def _on_a_floor(spoilt):

@@ -6,8 +6,9 @@ import numpy as np
 
 from whitted import optics
 from whitted.geometry import plane, sphere
+from whitted.hardcases.arrays import U
 from whitted.hardcases.case import Errors, case
-from whitted.hardcases.reflection import FAMILY, GLASS, LANES, U, exact
+from whitted.hardcases.reflection import FAMILY, GLASS, LANES, exact
 from whitted.sampling.draws import SamplerDraws
 from whitted.world import World
 

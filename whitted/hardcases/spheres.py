@@ -5,12 +5,12 @@ import mitsuba as mi
 import numpy as np
 
 from whitted.geometry import sphere
+from whitted.hardcases.arrays import U, vector
 from whitted.hardcases.case import Errors, case
 from whitted.offsets import Offsets
 
 FAMILY = "spheres"
 RAYS = 1 << 15
-U = 2.0**-24  # the relative error of a rounding in single precision
 
 
 def aimed(distance, reach, seed=0):
@@ -29,30 +29,24 @@ def truth(o, d, radius=1.0):
     o, d = np.longdouble(o), np.longdouble(d)
     a, b = (d * d).sum(0), -(o * d).sum(0)
     closest = np.sqrt(((o + b / a * d) ** 2).sum(0))
-    with np.errstate(invalid="ignore"):
-        half = np.sqrt((radius - closest) * (radius + closest) / a)
+    half = np.sqrt((radius - closest) * (radius + closest) / a)
     return b / a - half, b / a + half, closest
-
-
-def single(x):
-    """A Dr.Jit vector in single precision from [3, N]."""
-    return mi.Vector3f(np.float32(x))
 
 
 def textbook(o, d, radius=1.0):
     """The distances by the textbook form, ``float64`` [2, N]."""
-    return np.float64(sphere.textbook_roots(single(o), single(d), 0, mi.Float(radius)))
+    return np.float64(sphere.textbook_roots(vector(o), vector(d), 0, mi.Float(radius)))
 
 
 def ours(o, d, radius=1.0):
     """The distances by ours, likewise."""
-    return np.float64(sphere.roots(single(o), single(d), 0, mi.Float(radius)))
+    return np.float64(sphere.roots(vector(o), vector(d), 0, mi.Float(radius)))
 
 
 def mitsuba(o, d, radius=1.0):
     """The first distance by Mitsuba's shape, ``float64`` [N]; infinite where it is missed."""
     scene = mi.load_dict({"type": "scene", "ball": {"type": "sphere", "radius": float(radius)}})
-    return np.float64(scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(np.float32(o)), single(d))).t)
+    return np.float64(scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(np.float32(o)), vector(d))).t)
 
 
 @case(
@@ -211,9 +205,9 @@ def point_on_a_far_sphere(distance):
     """How far a hit lies off a sphere of radius 1."""
     o, d = aimed(distance, 0.9)
     t = mi.Float(np.float32(ours(o, d)[0]))
-    p = single(o) + single(d) * t
+    p = vector(o) + vector(d) * t
     scene = mi.load_dict({"type": "scene", "ball": {"type": "sphere"}})
-    si = scene.ray_intersect(mi.Ray3f(mi.Point3f(o), single(d)))
+    si = scene.ray_intersect(mi.Ray3f(mi.Point3f(o), vector(d)))
     forms = sphere.on_surface(p, mi.Vector3f(0), 1), p, si.p
     return Errors(*(np.linalg.norm(np.array(found, np.float64), axis=0) - 1 for found in forms))
 
@@ -222,9 +216,9 @@ def surface_of_a_ball(radius):
     """A ball around 0, points on it (``SurfaceInteraction3f``), and directions outwards at cosines from 0.01 on."""
     scene = mi.load_dict({"type": "scene", "ball": {"type": "sphere", "radius": float(radius)}})
     o, d = aimed(4.0, 0.9)
-    si = scene.ray_intersect(mi.Ray3f(mi.Point3f(np.float32(o * radius)), single(d)))
+    si = scene.ray_intersect(mi.Ray3f(mi.Point3f(np.float32(o * radius)), vector(d)))
     rng = np.random.default_rng(3)
     cosine, phi = rng.uniform(0.01, 1, RAYS), rng.uniform(0, 2 * np.pi, RAYS)
     sine = np.sqrt(1 - cosine**2)
-    out = mi.Frame3f(si.n).to_world(single([sine * np.cos(phi), sine * np.sin(phi), cosine]))
+    out = mi.Frame3f(si.n).to_world(vector([sine * np.cos(phi), sine * np.sin(phi), cosine]))
     return scene, si, dr.normalize(out)

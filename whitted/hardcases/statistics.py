@@ -4,8 +4,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from whitted.hardcases.arrays import U
 from whitted.hardcases.case import Errors, case
-from whitted.hardcases.spheres import U
 from whitted.hardcases.walls import MOMENT, by_path, wall
 from whitted.sampling.draws import Draws
 from whitted.stats.moments import Moments

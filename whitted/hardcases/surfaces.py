@@ -5,6 +5,7 @@ import mitsuba as mi
 import numpy as np
 
 from whitted.geometry import triangle
+from whitted.hardcases.arrays import vector
 from whitted.hardcases.case import Errors, case
 from whitted.hardcases.meshes import icosphere, load_mesh
 from whitted.offsets import Offsets
@@ -18,11 +19,6 @@ SCALES = (1e-6, 1e-3, 1.0, 1e3, 1e6)
 ETA = 1.5
 
 
-def vector(x):
-    """A Dr.Jit vector in single precision from [3, N]."""
-    return mi.Vector3f(np.float32(x))
-
-
 class Faces:
     """A closed mesh as a scene, whose intersection is watertight, and as triangles for the textbook form."""
 
@@ -34,6 +30,14 @@ class Faces:
     def ours(self, si, direction):
         """The ray that the toolkit lets leave."""
         return mi.Ray3f(self.offsets.origin(si, direction), direction)
+
+    def met_again(self, si, d):
+        """Whether rays that leave it meet it, ``bool`` [N]: by ours, the textbook form, Mitsuba's offset."""
+        return (
+            self.is_met(self.ours(si, d)),
+            self.is_met_beyond_least(si.p, d),
+            self.is_met(si.spawn_ray(d)),
+        )
 
     def is_met(self, ray):
         """Whether rays meet the mesh, ``bool`` [N]."""
@@ -80,11 +84,7 @@ def _shell(size, place, outside):
 def _met(size, place, outside):
     """Whether rays meet the mesh: by ours, the textbook form, Mitsuba's offset."""
     mesh, si, d = _shell(size, place, outside)
-    return (
-        mesh.is_met(mesh.ours(si, d)),
-        mesh.is_met_beyond_least(si.p, d),
-        mesh.is_met(si.spawn_ray(d)),
-    )
+    return mesh.met_again(si, d)
 
 
 @case(
@@ -150,11 +150,7 @@ def gap_above_a_tilted_floor(place):
     of_floor = np.array(si.is_valid() & (si.prim_index < 2))
     assert of_floor.mean() > 0.9
     up = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, ray.d))
-    forms = (
-        mesh.is_met(mesh.ours(si, up)),
-        mesh.is_met_beyond_least(si.p, up),
-        mesh.is_met(si.spawn_ray(up)),
-    )
+    forms = mesh.met_again(si, up)
     return Errors(*(np.mean(~met[of_floor]) for met in forms))
 
 
@@ -220,11 +216,7 @@ def coincident_surfaces(place):
     assert dr.all(si.is_valid())
     up = vector(np.broadcast_to(n[:, None], above.shape))
     d = directions(rng, dr.mulsign(si.n, dr.dot(si.n, up)), least=0.1)
-    forms = (
-        mesh.is_met(mesh.ours(si, d)),
-        mesh.is_met_beyond_least(si.p, d),
-        mesh.is_met(si.spawn_ray(d)),
-    )
+    forms = mesh.met_again(si, d)
     return Errors(*map(np.mean, forms))
 
 
@@ -255,11 +247,7 @@ def _lost_in_corner(vertices, faces, around, distance):
     on_floor = np.array(dr.dot(si.n, vector(n[2][:, None])) < -0.9)
     assert on_floor.mean() > 0.9
     d = directions(rng, -si.n)
-    forms = (
-        mesh.is_met(mesh.ours(si, d)),
-        mesh.is_met_beyond_least(si.p, d),
-        mesh.is_met(si.spawn_ray(d)),
-    )
+    forms = mesh.met_again(si, d)
     return Errors(*(np.mean(~met[on_floor]) for met in forms))
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 import whitted
 from whitted import replicates
+from whitted.hardcases.arrays import U
 from whitted.hardcases.case import Errors, case
-from whitted.hardcases.spheres import U
 from whitted.hardcases.statistics import textbook_variance
 from whitted.hardcases.walls import DIRECT, MOMENT, SIDE, by_path, eye, papered, wall
 from whitted.stats.moments import LEAST_WEIGHT
