@@ -10,6 +10,8 @@ MODULES = (
     "planes",
     "surfaces",
     "scenes",
+    "furnaces",
+    "stacks",
     "lights",
     "penumbrae",
     "camera",
