@@ -6,6 +6,8 @@ import sys
 
 import fuzz
 import pytest
+from fuzz_mutations import mutant
+from fuzz_scenes import scenes
 from whitted_scenes import films
 
 COUNT = 200
@@ -23,18 +25,18 @@ def test_each_mutant_ends_in_a_picture_or_in_one_line(tmp_path):
 
 @pytest.fixture(scope="module")
 def texts():
-    return fuzz.scenes()
+    return scenes()
 
 
 def test_a_seed_makes_the_same_mutant_each_time(texts):
-    first, again = (fuzz.mutant(17, texts) for _ in range(2))
+    first, again = (mutant(17, texts) for _ in range(2))
     assert first == again
     assert first.changes
-    assert first != fuzz.mutant(18, texts)
+    assert first != mutant(18, texts)
 
 
 def test_each_mutation_comes_up(texts):
-    changes = " ".join(change for seed in range(300) for change in fuzz.mutant(seed, texts).changes)
+    changes = " ".join(change for seed in range(300) for change in mutant(seed, texts).changes)
     for word in (
         " became 'nan'",
         "'-0'",
