@@ -227,6 +227,7 @@ def _passes(integrator, world, sensor, plan, window, seed, replicates):
 
 def _warnings(scene, integrator):
     """What a user should know of a scene before looking at its picture."""
+    yield from scene.notes
     if not scene.mitsuba.emitters():
         yield f"scene '{scene.name}' has no emitter: the picture is black"
     if hasattr(integrator, "estimate") and any(

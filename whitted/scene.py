@@ -16,6 +16,7 @@ from pathlib import Path
 from whitted import _backend, validation
 from whitted.errors import UsageError, nearest
 from whitted.messages import explain
+from whitted.mirrored import turned_inside_out
 from whitted.specification import integrator
 
 ROBUST = "embree_use_robust_intersections"  # without it rays pass between triangles that share an edge
@@ -28,7 +29,8 @@ class Scene:
     """A loaded scene, with where it came from.
 
     ``hash`` is the SHA-256, in hex, of the XML, its includes, the parameters and the files that it refers
-    to; it is empty for a scene that was not loaded from a file. ``load_seconds`` is wall time.
+    to; it is empty for a scene that was not loaded from a file. ``load_seconds`` is wall time. ``notes`` are lines
+    that a user should read before looking at a picture.
     """
 
     mitsuba: object = field(repr=False)
@@ -36,6 +38,7 @@ class Scene:
     path: Path | None = None
     hash: str = ""
     load_seconds: float = 0.0
+    notes: tuple = ()
 
 
 def load(path_or_name, /, **defines):
@@ -55,11 +58,11 @@ def load(path_or_name, /, **defines):
     start = time.perf_counter()
     defines = {name: _as_text(value) for name, value in defines.items()}
     text = _read(path)
-    scene, digest = _instantiate(path, text, defines)
+    scene, digest, notes = _instantiate(path, text, defines)
     if not scene.sensors():
         raise UsageError(f"{path}: the scene has no <sensor>, and so no picture")
     _check_lenses(scene, f"{path}: ")
-    return Scene(scene, path.stem, path, digest, time.perf_counter() - start)
+    return Scene(scene, path.stem, path, digest, time.perf_counter() - start, notes)
 
 
 def as_scene(scene):
@@ -160,7 +163,7 @@ def _read(path):
 
 
 def _instantiate(path, text, defines):
-    """Parse, check and instantiate a scene; return it with its hash."""
+    """Parse, check and instantiate a scene; return it with its hash and notes on it."""
     import mitsuba as mi
 
     first = next(validation.elements(text), None)
@@ -190,10 +193,11 @@ def _instantiate(path, text, defines):
                 state.root.props[ROBUST] = True
             with _threads_for_files():
                 scene = mi.parser.instantiate(config, state)
+                notes = turned_inside_out(state.nodes, locate)
         except (RuntimeError, ValueError, TypeError) as error:
             declared = [a.get("name", "") for _, tag, a in validation.elements(text) if tag == "default"]
             raise explain(error, texts, declared) from error
-    return scene, _digest(texts.values(), defines, files)
+    return scene, _digest(texts.values(), defines, files), notes
 
 
 def _referred_files(nodes, locate):
