@@ -87,20 +87,22 @@ def _print(found):
 
 def _row(result):
     """The texts of a case's row."""
+    from whitted.hardcases.run import shown_tolerance
+
     case = result.case
     asks = f"{case.asks} ({case.unit})" if case.unit else case.asks
-    tolerance = f"{result.worst('ours').tolerance:.2g}"
     verdict = "holds" if result.holds() else "[bold red]broken[/]"
     errors = [_error(result, form) for form in ("textbook", "ours", "reference")]
-    return case.number, f"{case.name}\n[dim]{asks}[/]", *errors, tolerance, verdict
+    return case.number, f"{case.name}\n[dim]{asks}[/]", *errors, shown_tolerance(result), verdict
 
 
 def _error(result, form):
     """The worst error of a form, with where that was."""
-    point = result.worst(form)
+    from whitted.hardcases.run import shown
+
+    point, error = result.worst(form), shown(result, form)
     if point is None:
-        return "-"
-    error = f"{getattr(point, form):.2g}"
+        return error
     if not result.holds(form):
         error = f"[red]{error}[/]"
     return error if point.value is None else f"{error} [dim]@ {point.value:g}[/]"
