@@ -334,6 +334,8 @@ def test_a_fixed_integrator_has_nothing_left_to_decide():
     fixed = integrator.fixed(found)
     assert fixed.plan(World(scene), scene.sensors()[0]).effects == found.effects
     assert fixed.properties()["light_samples"] == found.samples["light"]
+    pictures = [mi.render(scene, integrator=one, spp=4).numpy() for one in (integrator, fixed)]
+    np.testing.assert_array_equal(*pictures)
 
 
 def test_where_there_is_no_choice_the_scenes_depth_is_taken():
