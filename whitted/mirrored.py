@@ -4,8 +4,6 @@ A sphere's normals then point inwards, and so do those of a mesh that are comput
 a mesh are mirrored rightly. Glass becomes a bubble in glass, and an emitter shines inwards.
 """
 
-import numpy as np
-
 MESHES = ("obj", "ply", "serialized")  # the plugins that read one
 
 
@@ -35,6 +33,8 @@ def turned_inside_out(nodes, locate):
 def _is_mirrored(props):
     if "to_world" not in props:
         return False
+    import numpy as np
+
     matrix = np.array(props["to_world"].matrix, np.float64)[:3, :3]
     return np.linalg.det(matrix / np.abs(matrix).max()) < 0
 
@@ -42,6 +42,7 @@ def _is_mirrored(props):
 def _has_normals_of_faces(props):
     """Whether a mirrored mesh is shaded with normals that its faces gave, whose corners now turn the other way."""
     import mitsuba as mi
+    import numpy as np
 
     simple = [name for name in props.keys() if props.type(name).name != "ResolvedReference"]  # noqa: SIM118
     mesh = mi.load_dict({"type": props.plugin_name()} | {name: props[name] for name in simple})
