@@ -30,7 +30,7 @@ fuzz: .venv/ready ## render 2000 scenes mutated at random: a quarter of an hour;
 	.venv/bin/python tests/fuzz.py --keep out/fuzz $(FUZZ_FLAGS)
 
 benchmarks: .venv/ready ## measure all tables of docs/*.md and README.md: two hours of a quiet machine
-	@for script in benchmarks/{distribution,ablations,rays,path,povray,robust,study_scale} replicate_cost; do \
+	@for script in benchmarks/{distribution,ablations,rays,path,povray,robust,report_page,study_scale} replicate_cost; do \
 	    echo "== $$script"; .venv/bin/python experiments/$$script.py; \
 	done
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from whitted.reports import pictures
+from whitted.reports import page, pictures
 from whitted.reports.pictures import Entry
 
 WEB = Path(__file__).parent.parent / "web"
@@ -101,13 +101,16 @@ def test_built_from_these_sources():
     head = pictures.script()[:1000]
     assert hashlib.sha256(sources).hexdigest() in head
     pinned = json.loads((WEB / "package.json").read_text())["dependencies"]
+    plotly = pinned.pop("plotly.js-basic-dist-min")
     assert pinned
     assert all(f"{name} {version} (" in head for name, version in pinned.items())
+    assert f"plotly.js (basic - minified) v{plotly}\n" in page._asset("plotly.js")[:200]
 
 
 def test_assets_end_no_element():
     assert [pictures.script().count(text) for text in ("</script", "<!--")] == [1, 0]
     assert pictures.style().count("</style") == 1
+    assert not any(text in page._asset("plotly.js") for text in ("</script", "<!--"))
 
 
 def test_lock_names_no_host():

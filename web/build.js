@@ -1,10 +1,12 @@
-// Writes the viewer that the Python package ships: viewer.js, viewer.css and the licences of what is bundled.
+// Writes what the Python package ships for its pages: the viewer (viewer.js, viewer.css), the script that draws plots
+// (plotly.js, its bundle of lines and bars, a quarter of the whole, which a browser reads for two seconds), and licences.
 
 import { createHash } from "node:crypto";
-import { readdirSync, readFileSync, writeFileSync } from "node:fs";
+import { copyFileSync, readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { build } from "esbuild";
 
 const ASSETS = "../whitted/reports/assets";
+const PLOTLY = "plotly.js-basic-dist-min";
 const TARGET = ["chrome123", "firefox120", "safari17.5"]; // the first with light-dark() in CSS
 
 const read = (path) => readFileSync(path, "utf8");
@@ -19,14 +21,16 @@ const { outputFiles: [css] } = await build({ ...common, entryPoints: ["src/viewe
 const bundled = Object.values(metafile.outputs)[0].inputs;
 const used = Object.keys(bundled).filter((path) => bundled[path].bytesInOutput > 0);
 const names = [...new Set(used.map((path) => /^node_modules\/((@[^/]+\/)?[^/]+)\//.exec(path)?.[1]).filter(Boolean))];
-const packages = names.sort().map((name) => {
+const licences = (names) => names.map((name) => {
   const { version, license } = JSON.parse(read(`node_modules/${name}/package.json`));
   const file = readdirSync(`node_modules/${name}`).find((entry) => /^licen[cs]e/i.test(entry));
   return { title: `${name} ${version} (${license})`, text: read(`node_modules/${name}/${file}`).trim() };
 });
 
+const packages = licences(names.sort());
 const header = `/* whitted's picture viewer, with ${packages.map(({ title }) => title).join(", ")}. Licences: LICENSES.txt.
    Built from web/src, sha256 ${digest}. */\n`;
 writeFileSync(`${ASSETS}/viewer.js`, header + js.text);
 writeFileSync(`${ASSETS}/viewer.css`, css.text);
-writeFileSync(`${ASSETS}/LICENSES.txt`, packages.map(({ title, text }) => `${title}\n\n${text}\n`).join(`\n${"-".repeat(80)}\n\n`));
+copyFileSync(`node_modules/${PLOTLY}/plotly-basic.min.js`, `${ASSETS}/plotly.js`);
+writeFileSync(`${ASSETS}/LICENSES.txt`, [...packages, ...licences([PLOTLY])].map(({ title, text }) => `${title}\n\n${text}\n`).join(`\n${"-".repeat(80)}\n\n`));

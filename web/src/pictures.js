@@ -1,10 +1,13 @@
 /**
- * The pictures that a page carries: found by their ids, decoded when first shown, the last few kept.
+ * The pictures that a page carries: found by their ids, decoded when first shown, the last few kept. A page of many is
+ * long: its first pictures are shown while the rest is read.
  *
  * The format is that of `encode` in whitted/reports/pictures.py. Nothing is fetched.
  */
 
 const KEPT = 8; // decoded pictures in memory: two shown, their reference, and those flipped to
+
+const WAIT = 20; // milliseconds between looks at a page that is still read
 
 const loaded = new Map(); // id -> promise of a picture; the least recently used comes first
 
@@ -20,10 +23,17 @@ export function load(entry) {
   return found;
 }
 
+/** Return a promise of an element's text; it may stand in a part of the page that is still on its way. */
+export async function textOf(id) {
+  const find = () => document.getElementById(id);
+  while (document.readyState === "loading" && !find()?.nextSibling) await new Promise((go) => setTimeout(go, WAIT));
+  return find().textContent;
+}
+
 async function read(entry) {
   const [radiance, stderr] = await Promise.all([
-    decode(document.getElementById(`picture-${entry.id}`).textContent),
-    entry.has_stderr ? decode(document.getElementById(`stderr-${entry.id}`).textContent) : null,
+    textOf(`picture-${entry.id}`).then(decode),
+    entry.has_stderr ? textOf(`stderr-${entry.id}`).then(decode) : null,
   ]);
   return { ...entry, radiance, stderr, mean: finiteMean(radiance) };
 }

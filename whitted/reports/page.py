@@ -49,7 +49,6 @@ def render(folder, errors=()):
         UsageError: there is no study.
     """
     import jinja2
-    from plotly.offline import get_plotlyjs
 
     study = Study(folder)
     with Store(folder) as store:
@@ -69,7 +68,7 @@ def render(folder, errors=()):
             titles=TITLES,
             viewer=pictures.place() if entries else "",
             viewer_data=pictures.data(entries) if entries else "",
-            scripts=[get_plotlyjs(), _asset("report.js")],
+            scripts=[_asset("plotly.js"), _asset("report.js")],
             viewer_script=pictures.script(),
             style=_asset("report.css"),
             viewer_style=pictures.style(),
