@@ -1,8 +1,8 @@
 """How long a report takes to open in a browser, with as many pictures of 512x512 as it shows at most.
 
 A study of four shipped scenes is rendered once, and its page opened in Debian's Chromium by Playwright (extra `test`):
-until its first plot is drawn, the viewer shows its first pictures, and the page is read to its end. Each time is of a new
-browser context, which has nothing of the page in its memory.
+until its first plot is drawn, the viewer shows its first pictures, and the page is read to its end. Each time is of a
+new browser context, which has nothing of the page in its memory.
 """
 
 import shutil
