@@ -128,8 +128,9 @@ class _Recorder:
 
     def grow(self):
         """Trace the tree below the eye ray."""
-        ray, one = self.ray, _floats(mi.Spectrum(1))[0]
-        root = {"o": _floats(ray.o)[0], "d": _floats(ray.d)[0], "w": one, "eta": 1.0, "id": 0}
+        ray, one = self.ray, mi.Spectrum(1)
+        root = _numbers({"o": ray.o, "d": ray.d, "w": one}, 1)
+        root = {name: value[0] for name, value in root.items()} | {"eta": 1.0, "id": 0}
         level, depth = [root | {"parent": None, "kind": "eye"}], 0
         while level:
             if len(self.nodes) + len(level) > MAX_NODES:
@@ -139,117 +140,112 @@ class _Recorder:
     def visit(self, level, depth):
         """Trace the rays of one level, write them down, and return those of the next."""
         self.world = world = self.integrator.world(self.scene)  # counts rays per lane: one a level
-        count = len(level)
+        count, first = len(level), len(self.nodes)
         o, d, w = (np.array([ray[name] for ray in level], np.float32).T for name in "odw")
         w, ids = mi.Spectrum(w), mi.UInt32([ray["id"] for ray in level])
         eye = mi.Ray3f(mi.Point3f(o), mi.Vector3f(d), self.ray.time, self.ray.wavelengths)
-        si = world.intersect(eye, mi.Bool(depth == 0), mi.Bool(True))
-        hit = si.is_valid()
-        goes_on = hit & (depth + 1 < self.integrator.max_depth)
+        # Data, not literals: one kernel serves all levels
+        is_eye, is_last = (dr.opaque(mi.Bool, depth == n) for n in (0, self.integrator.max_depth - 1))
+        si = world.intersect(eye, is_eye, mi.Bool(True))
+        hit, bsdf = si.is_valid(), si.bsdf()
+        goes_on = hit & ~is_last
 
-        seen = hit | (depth > 0 or not world.hide_emitters)
+        seen = hit | ~is_eye if world.hide_emitters else mi.Bool(True)
         emitted = dr.select(seen, world.emission(si, seen), 0)
         shadows = [self.light(si, w, ids, emitter, goes_on) for emitter in range(len(world.emitters))]
         direct = sum((shadow.pop("radiance") for shadow in shadows), mi.Spectrum(0))
         if self.integrator.ambient is not None:
             direct += self.integrator.ambient.eval(si, goes_on) * world.diffuse_reflectance(si, goes_on)
         direct = dr.select(goes_on, direct, 0)
-
         facts = {
-            "origin": _floats(eye.o, count),
-            "direction": _floats(eye.d, count),
-            "distance": _floats(si.t, count),
-            "position": _floats(si.p, count),
-            "throughput": self.throughputs(w, count),
-            "emitted": self.colours(emitted, count),
-            "direct": self.colours(direct, count),
-            "contribution": self.colours(w * (emitted + direct), count),
+            "origin": eye.o,
+            "direction": eye.d,
+            "distance": si.t,
+            "position": si.p,
+            "throughput": self.throughput(w),
+            "emitted": self.colour(emitted),
+            "direct": self.colour(direct),
+            "contribution": self.colour(w * (emitted + direct)),
         }
-        hit, bsdf, first = _floats(hit, count) > 0, si.bsdf(), len(self.nodes)
+        lobes = [self.leave(si, w, lobe) for lobe in world.delta_lobes(si, hit)]
+        dr.eval(facts, shadows, lobes, hit, goes_on, si.shape, bsdf)  # all of the level in one kernel
+
+        facts, hit, goes_on = (_numbers(found, count) for found in (facts, hit, goes_on))
+        shadows, lobes = (
+            [_numbers(found, count) for found in all_of_them] for all_of_them in (shadows, lobes)
+        )
         for i, ray in enumerate(level):
             node = {name: values[i].tolist() for name, values in facts.items()}
-            node |= {
-                "id": first + i,
-                "parent": ray["parent"],
-                "kind": ray["kind"],
-                "depth": depth,
-                "dropped": None,
-            }
-            node |= {"shape": None, "bsdf": None, "shadow": [_shadow(s, i) for s in shadows if s["lit"][i]]}
+            node |= {"id": first + i, "parent": ray["parent"], "kind": ray["kind"], "depth": depth}
+            node |= {"dropped": None, "shape": None, "bsdf": None}
+            lit = zip(world.emitters, shadows, strict=True)
+            node["shadow"] = [_shadow(light, found, i) for light, found in lit if found["unshadowed"][i] > 0]
             node |= (
                 {"shape": si.shape[i].id(), "bsdf": bsdf[i].id()}
                 if hit[i]
                 else {"distance": None, "position": None}
             )
             self.nodes.append(node)
-        return self.branch(level, si, w, goes_on, depth + 1, first)
+        return self.branch(level, lobes, goes_on, depth + 1, first)
 
     def light(self, si, w, ids, emitter, active):
         """Sample one emitter from all vertices of the level."""
-        light, count = self.world.emitters[emitter], dr.width(ids)
         active = active & mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Smooth)
-        shadows = self.integrator.shadows
+        shadows, context = self.integrator.shadows, bsdf_context(self.integrator.local_model)
         ds, unshadowed, visible = transport.light_sample(
-            self.world,
-            si,
-            self.draws,
-            ids,
-            emitter,
-            active,
-            shadows,
-            bsdf_context(self.integrator.local_model),
+            self.world, si, self.draws, ids, emitter, active, shadows, context
         )
         return {
             "radiance": unshadowed * visible,
-            "lit": _floats(dr.max(unshadowed), count) > 0,
-            "emitter": light.id(),
-            "is_finite": not int(light.flags()) & mi.EmitterFlags.Infinite,
-            "target": _floats(ds.p, count),
-            "direction": _floats(ds.d, count),
-            "distance": _floats(ds.dist, count),
-            "transmittance": _floats(dr.max(visible), count),
-            "contribution": self.colours(w * unshadowed * visible, count),
+            "unshadowed": dr.max(unshadowed),
+            "target": ds.p,
+            "direction": ds.d,
+            "distance": ds.dist,
+            "transmittance": dr.max(visible),
+            "contribution": self.colour(w * unshadowed * visible),
         }
 
-    def branch(self, level, si, w, goes_on, depth, first):
+    def leave(self, si, w, lobe):
+        """Follow a specular lobe from all vertices of the level."""
+        wo, weight, eta, kind = lobe
+        ray = self.world.spawn(si, si.to_world(wo))
+        return {
+            "o": ray.o,
+            "d": ray.d,
+            "w": w * weight,
+            "shown": self.throughput(w * weight),
+            "eta": eta,
+            "reflects": mi.has_flag(kind, mi.BSDFFlags.DeltaReflection),
+        }
+
+    def branch(self, level, lobes, goes_on, depth, first):
         """Return the rays of the next level; those that are given up are only written down."""
-        count, rays = len(level), []
-        goes_on = _floats(goes_on, count) > 0
-        for slot, (wo, weight, eta, kind) in enumerate(self.world.delta_lobes(si, si.is_valid())):
-            leaving = self.world.spawn(si, si.to_world(wo))
-            o, d, throughput = (
-                _floats(leaving.o, count),
-                _floats(leaving.d, count),
-                _floats(w * weight, count),
-            )
-            shown, eta = self.throughputs(w * weight, count), _floats(eta, count)
-            reflects = _floats(mi.has_flag(kind, mi.BSDFFlags.DeltaReflection), count) > 0
+        rays = []
+        for slot, lobe in enumerate(lobes):
             for i, ray in enumerate(level):
-                relative = ray["eta"] * eta[i]
-                share = throughput[i].max() * relative**2
+                relative = ray["eta"] * lobe["eta"][i]
+                share = lobe["w"][i].max() * relative**2
                 if not share > 0:
                     continue
-                name = "reflection" if reflects[i] else "transmission"
+                name = "reflection" if lobe["reflects"][i] else "transmission"
                 if goes_on[i] and share >= self.integrator.min_contribution:
                     number = (ray["id"] * self.world.branching + slot + 1) % 2**32
-                    child = {"o": o[i], "d": d[i], "w": throughput[i], "eta": relative, "id": number}
+                    child = {part: lobe[part][i] for part in "odw"} | {"eta": relative, "id": number}
                     rays.append(child | {"parent": first + i, "kind": name})
                     continue
                 node = {"id": len(self.nodes), "parent": first + i, "kind": name, "depth": depth}
-                node |= {"origin": o[i].tolist(), "direction": d[i].tolist(), "throughput": shown[i].tolist()}
+                names = {"origin": "o", "direction": "d", "throughput": "shown"}
+                node |= {name: lobe[part][i].tolist() for name, part in names.items()}
                 self.nodes.append(node | {"dropped": "cutoff" if goes_on[i] else "depth"} | _nothing())
         return rays
 
-    def colours(self, radiance, count):
-        """Return a ``Spectrum`` of radiance, as the sensor sees it, as [count, 3]."""
-        seen = colours(radiance * self.weight, self.ray.wavelengths)
-        return np.stack([_floats(c, count) for c in seen], axis=-1)
+    def colour(self, radiance):
+        """Return a ``Spectrum`` of radiance as the sensor sees it, a list of three ``Float``."""
+        return colours(radiance * self.weight, self.ray.wavelengths)
 
-    def throughputs(self, w, count):
-        """Return a throughput as [count, 3]; a spectral one as its mean, three times."""
-        if mi.is_spectral:
-            return np.repeat(_floats(dr.mean(w), count)[:, None], 3, axis=1)
-        return np.stack([_floats(c, count) for c in colours(w, None)], axis=-1)
+    def throughput(self, w):
+        """Return a throughput as a list of three ``Float``; of a spectral one it is the mean, three times."""
+        return [dr.mean(w)] * 3 if mi.is_spectral else colours(w, None)
 
 
 def _nothing():
@@ -259,20 +255,24 @@ def _nothing():
     return nothing | black | {"shadow": []}
 
 
-def _shadow(shadow, i):
+def _shadow(emitter, found, i):
     """One shadow ray, as the list of nodes holds it."""
-    is_finite = shadow["is_finite"]
+    is_finite = not int(emitter.flags()) & mi.EmitterFlags.Infinite
     return {
-        "emitter": shadow["emitter"],
-        "target": shadow["target"][i].tolist() if is_finite else None,
-        "direction": shadow["direction"][i].tolist(),
-        "distance": float(shadow["distance"][i]) if is_finite else None,
-        "transmittance": float(shadow["transmittance"][i]),
-        "contribution": shadow["contribution"][i].tolist(),
+        "emitter": emitter.id(),
+        "target": found["target"][i].tolist() if is_finite else None,
+        "direction": found["direction"][i].tolist(),
+        "distance": float(found["distance"][i]) if is_finite else None,
+        "transmittance": float(found["transmittance"][i]),
+        "contribution": found["contribution"][i].tolist(),
     }
 
 
-def _floats(value, count=1):
-    """A Dr.Jit array as NumPy, ``count`` lanes first."""
-    array = np.moveaxis(np.array(value, np.float64), -1, 0)
+def _numbers(found, count):
+    """Return an evaluated array, a list of them, or a dict of either, as NumPy with ``count`` lanes first."""
+    if isinstance(found, dict):
+        return {name: _numbers(value, count) for name, value in found.items()}
+    if isinstance(found, list):
+        return np.stack([_numbers(value, count) for value in found], axis=-1)
+    array = np.moveaxis(np.array(found, np.float64), -1, 0)
     return np.broadcast_to(array, (count, *array.shape[1:]))
