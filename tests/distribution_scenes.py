@@ -4,6 +4,7 @@ import dataclasses
 
 import mitsuba as mi
 import numpy as np
+import pytest
 from pictures import LEVEL, REPLICATES, _renders, _t_values
 from scipy import stats
 from whitted_scenes import GREY, camera, transform
@@ -78,10 +79,27 @@ def assert_same(found, expected, detectable=DETECTABLE):
     assert difference.bias < detectable, difference
 
 
-def assert_agrees(
-    scene, integrator=DISTRIBUTION, spp=64, truth=None, detectable=DETECTABLE, auto=True, nest=False
-):
-    """Assert that ``distribution`` and Mitsuba make the same picture, with all effects and with those found.
+# How `distribution` is called in a comparison: with all effects; with those found, and all light from samples, as with
+# all effects unoccluded light is known where it has a closed form; nested, on rays and numbers of Mitsuba's.
+WAYS = {
+    "all": lambda integrator: integrator,
+    "found": lambda integrator: (
+        integrator | {"effects": "auto", "direct_light": "both", "closed_form": False}
+    ),
+    "nested": nested,
+}
+
+
+def ways(*names):
+    """Return the decorator of a test that is called in these ways, in all but the first in ``make test-long`` only."""
+    first, *others = names
+    return pytest.mark.parametrize(
+        "way", [first, *(pytest.param(name, marks=pytest.mark.long) for name in others)]
+    )
+
+
+def assert_agrees(scene, integrator=DISTRIBUTION, spp=64, truth=None, detectable=DETECTABLE, way="all"):
+    """Assert that ``distribution`` and Mitsuba make the same picture.
 
     Args:
         scene: ``mi.Scene``.
@@ -89,22 +107,15 @@ def assert_agrees(
         spp: samples per pixel of each of 16 pictures.
         truth: another scene, for Mitsuba, of the same light.
         detectable: the smallest bias that has to be seen.
-        auto: try the effects found as well.
-        nest: try it nested as well, on rays and numbers of Mitsuba's.
+        way: a name in `WAYS`.
 
     Returns:
         Our pictures and Mitsuba's.
     """
     truth = truth or scene
     expected = renders(truth, reference(truth, max_depth=integrator["max_depth"]), spp)
-    found = renders(scene, integrator, spp)
+    found = renders(scene, WAYS[way](integrator), spp)
     assert_same(found, expected, detectable)
-    if auto:
-        # all light from samples here, as with all effects unoccluded light is known where it has a closed form
-        found_only = integrator | {"effects": "auto", "direct_light": "both", "closed_form": False}
-        assert_same(renders(scene, found_only, spp), expected, detectable)
-    if nest:
-        assert_same(renders(scene, nested(integrator), spp), expected, detectable)
     return found, expected
 
 

@@ -18,6 +18,7 @@ from distribution_scenes import (
     reference,
     renders,
     standing,
+    ways,
 )
 from whitted_scenes import EMITTERS, GREY, ball, bitmap, camera, stage, transform
 
@@ -89,15 +90,17 @@ def test_a_textured_mesh_as_a_light(tmp_path):
     assert_same(renders(scene, DISTRIBUTION | {"max_depth": 3}, spp=256), expected)
 
 
+@ways("all", "found")
 @pytest.mark.parametrize("count", [1, 2, 5, 70])
-def test_many_lights(count):
-    assert_agrees(stage(ball=ball(), **many(count)), spp=256 if count in (1, 70) else 1024)
+def test_many_lights(count, way):
+    assert_agrees(stage(ball=ball(), **many(count)), spp=256 if count in (1, 70) else 1024, way=way)
 
 
+@ways("all", "found")
 @pytest.mark.parametrize("sky", ["constant", "envmap"])
-def test_lights_of_all_kinds_together(sky):
+def test_lights_of_all_kinds_together(sky, way):
     lights = many(7) | {"sun": EMITTERS["directional"](), "sky": EMITTERS[sky]()}
-    assert_agrees(stage(ball=ball(), **lights), spp=128)
+    assert_agrees(stage(ball=ball(), **lights), spp=128, way=way)
 
 
 def test_the_inside_of_a_lamp_lights_itself():
@@ -139,8 +142,9 @@ PANES = {
 }
 
 
+@ways("all", "found", "nested")
 @pytest.mark.parametrize("pane", PANES)
-def test_panes_lit_from_behind(pane):
+def test_panes_lit_from_behind(pane, way):
     window = {
         "type": "rectangle",
         "to_world": transform().translate([0, 1, 1]).scale(0.8),
@@ -151,4 +155,4 @@ def test_panes_lit_from_behind(pane):
         "area": {"type": "rectangle", "to_world": behind, "emitter": LAMP},
         "point": {"type": "point", "position": [-0.6, 1, -1.5], "intensity": 3.0},
     }
-    assert_agrees(stage(window=window, **lamps), spp=1024)
+    assert_agrees(stage(window=window, **lamps), spp=1024, way=way)

@@ -1,8 +1,8 @@
 """`distribution` and Mitsuba's integrators make the same picture with each plugin of Mitsuba's.
 
-Each scene is rendered with all effects and with those found, those of BSDFs and sensors also nested, as rays and numbers
-are Mitsuba's then. One comparison has false alarms at 1e-5, see `pictures`; there are about 100. Each sees a bias of 2 %
-of the picture's mean (4 % with spectra), those of BSDFs one of 1 %.
+Each scene is rendered with all effects, and in ``make test-long`` with those found and nested, too. One comparison has
+false alarms at 1e-5, see `pictures`; there are about 120. Each sees a bias of 2 % of the picture's mean (4 % with
+spectra), those of BSDFs one of 1 %.
 """
 
 from itertools import chain
@@ -23,6 +23,7 @@ from distribution_scenes import (
     place,
     reference,
     renders,
+    ways,
 )
 from plugins import of_kind
 from test_lobes import NOT_LOADED, PLUGINS
@@ -33,13 +34,14 @@ from whitted_scenes import EMITTERS, GREY, NO_EMITTERS, ROUGH, ball, camera, fil
 # ---- BSDFs
 
 
+@ways("all", "found", "nested")
 @pytest.mark.parametrize("name", GROUPS)
-def test_bsdfs(name):
+def test_bsdfs(name, way):
     lights = {"panel": panel(), "sky": EMITTERS["envmap"]()}
     truth = gallery(balls(group(name, chosen_point_by_point), BEHIND), **lights)
     scene = gallery(balls(group(name), BEHIND), **lights)
     integrator = DISTRIBUTION | {"max_depth": -1}
-    found, _ = assert_agrees(scene, integrator, spp=32, truth=truth, nest=True)
+    found, _ = assert_agrees(scene, integrator, spp=32, truth=truth, way=way)
     shorter = renders(truth, reference(truth, max_depth=3), spp=32)
     assert Difference.of(found, shorter).ratio > 1, "paths that end too early are told"
 
@@ -52,9 +54,10 @@ def test_no_bsdf_is_left_out():
 # ---- Emitters
 
 
+@ways("all", "found", "nested")
 @pytest.mark.parametrize("name", [name for name in EMITTERS if name != "directionalarea"])
-def test_emitters(name):
-    assert_agrees(stage(ball=ball(), light=EMITTERS[name]()), spp=1024 if "area" in name else 512)
+def test_emitters(name, way):
+    assert_agrees(stage(ball=ball(), light=EMITTERS[name]()), spp=1024 if "area" in name else 512, way=way)
 
 
 def test_an_emitter_that_neither_rays_nor_samples_find():
@@ -67,11 +70,12 @@ def test_an_emitter_that_neither_rays_nor_samples_find():
 SKIES = [name for name in EMITTERS if name.startswith(("constant", "envmap", "sunsky"))]
 
 
+@ways("all", "found", "nested")
 @pytest.mark.parametrize("name", [None, *(name for name in EMITTERS if "area" not in name)])
-def test_emitters_without_a_surface(name):
+def test_emitters_without_a_surface(name, way):
     lights = {"light": EMITTERS[name]()} if name else {}
     scene = mi.load_dict({"type": "scene", "camera": camera(size=8)} | lights)
-    found, _ = assert_agrees(scene, spp=256, detectable=DETECTABLE if name in SKIES else np.inf)
+    found, _ = assert_agrees(scene, spp=256, detectable=DETECTABLE if name in SKIES else np.inf, way=way)
     assert found.any() == (name in SKIES)
 
 
@@ -130,8 +134,9 @@ LIGHTS = {
 }
 
 
+@ways("all", "found", "nested")
 @pytest.mark.parametrize("variant", TEXTURES)
-def test_textures(variant):
+def test_textures(variant, way):
     mi.set_variant(variant)
     bsdfs = {name: {"type": "diffuse", "reflectance": make()} for name, make in TEXTURES[variant].items()}
     shapes = balls(bsdfs)
@@ -139,7 +144,7 @@ def test_textures(variant):
         shapes["cube"] = coloured_cube(7)
     lights = {name: make() for name, make in LIGHTS[variant].items()}
     is_spectral = mi.is_spectral  # wavelengths are one more source of noise
-    assert_agrees(gallery(shapes, **lights), spp=256, detectable=0.04 if is_spectral else DETECTABLE)
+    assert_agrees(gallery(shapes, **lights), spp=256, detectable=0.04 if is_spectral else DETECTABLE, way=way)
 
 
 def test_no_texture_is_left_out():
@@ -172,8 +177,9 @@ def shape_of(name, folder, to_world, **properties):
     return shape | properties
 
 
+@ways("all", "found", "nested")
 @pytest.mark.parametrize("name", COLLECTIONS)
-def test_shapes(name, tmp_path):
+def test_shapes(name, way, tmp_path):
     bsdf = {"type": "twosided", "nested": GREY | {"reflectance": 0.9}}
     turned = transform().rotate([0, 1, 0], 30).rotate([1, 0, 0], 20)
     shapes = {}
@@ -185,7 +191,7 @@ def test_shapes(name, tmp_path):
     to_world = place(8) @ turned.scale([1, 0.5, 0.8])
     shapes["one"] = {"type": "instance", "to_world": to_world, "group": {"type": "ref", "id": "group"}}
     scene = gallery(shapes, point=EMITTERS["point"](), panel=panel())
-    assert_agrees(scene, spp=256)
+    assert_agrees(scene, spp=256, way=way)
     assert seen(scene) == len(COLLECTIONS[name]) + 2  # with the floor and the instance
 
 
@@ -198,14 +204,15 @@ def seen(scene):
     return len({int(number) for number in dr.reinterpret_array(mi.UInt32, si.shape).numpy()} - {0})
 
 
+@ways("all", "nested")
 @pytest.mark.parametrize("name", sorted(SHAPES.keys() - NO_LIGHTS.keys()))
-def test_shapes_that_emit(name, tmp_path):
+def test_shapes_that_emit(name, way, tmp_path):
     emitter = {"type": "area", "radiance": 2.0}
     light = shape_of(name, tmp_path, upright(), emitter=emitter)
     if name in ("obj", "ply", "serialized"):
         light["flip_normals"] = True
     scene = stage(shape=light, ball=ball() | {"center": [1, 0.4, 0.8], "radius": 0.3})
-    assert_agrees(scene, spp=2048 if name == "cylinder" else 512, auto=False)
+    assert_agrees(scene, spp=2048 if name == "cylinder" else 512, way=way)
 
 
 def test_no_shape_is_left_out():
@@ -216,8 +223,9 @@ def test_no_shape_is_left_out():
 # ---- Sensors and filters
 
 
+@ways("all", "found", "nested")
 @pytest.mark.parametrize("name", SENSORS)
-def test_sensors(name):
+def test_sensors(name, way):
     has_pixels = name in ("batch", "orthographic", "perspective", "thinlens")
     lights = {"area": panel(), "sky": EMITTERS["envmap"]()} if has_pixels else {"sky": EMITTERS["constant"]()}
     things = {"ball": ball(), **lights}
@@ -227,16 +235,17 @@ def test_sensors(name):
         scene = mi.load_dict({"type": "scene", **things}, optimize=False)
     else:
         scene = stage(SENSORS[name](), **things)
-    assert_agrees(scene, spp=64 if has_pixels else 1 << 15, nest=True)
+    assert_agrees(scene, spp=64 if has_pixels else 1 << 16, way=way)
 
 
 def test_no_sensor_is_left_out():
     assert of_kind("Sensor") == SENSORS.keys()
 
 
+@ways("all", "nested")
 @pytest.mark.parametrize("rfilter", films())
-def test_filters(rfilter):
-    assert_agrees(stage(camera(rfilter), ball=ball(), area=panel(), sky=EMITTERS["envmap"]()), auto=False)
+def test_filters(rfilter, way):
+    assert_agrees(stage(camera(rfilter), ball=ball(), area=panel(), sky=EMITTERS["envmap"]()), way=way)
 
 
 def test_no_filter_is_left_out():

@@ -4,6 +4,8 @@ Seeds are fixed. Had they been drawn at random, the comparisons of means would f
 probability that their docstrings name, this file with at most 0.1 %; the comparisons of errors have wide margins.
 """
 
+import functools
+
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -73,14 +75,18 @@ def p_value(a, b):
     return min(1, found.min() * len(found))
 
 
+@functools.cache
+def independent(thinlens=False):
+    return pictures(scene("independent", 64, thinlens=thinlens))
+
+
 @pytest.mark.parametrize("kind", OURS)
 @pytest.mark.parametrize("thinlens", [False, True])
 @pytest.mark.parametrize("spp", [16, 6, 1])
 def test_the_picture_is_that_of_independent_numbers(kind, thinlens, spp):
     """12 comparisons of level 1e-5: 0.012 %."""
     ours = pictures(scene(kind, 16, thinlens=thinlens), spp)
-    theirs = pictures(scene("independent", 64, thinlens=thinlens))
-    assert p_value(ours, theirs) > LEVEL
+    assert p_value(ours, independent(thinlens)) > LEVEL
 
 
 def test_numbers_drawn_twice_would_be_noticed(monkeypatch):
@@ -90,7 +96,7 @@ def test_numbers_drawn_twice_would_be_noticed(monkeypatch):
     numbers = module.numbers
     monkeypatch.setattr(module, "numbers", lambda *a: numbers(*a[:3], mi.UInt32(0), a[4]))
     ours = pictures(scene("owen_sobol", 16))
-    assert p_value(ours, pictures(scene("independent", 64))) < LEVEL
+    assert p_value(ours, independent()) < LEVEL
 
 
 @pytest.mark.parametrize("kind", OURS)
