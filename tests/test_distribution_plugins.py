@@ -42,8 +42,9 @@ def test_bsdfs(name, way):
     scene = gallery(balls(group(name), BEHIND), **lights)
     integrator = DISTRIBUTION | {"max_depth": -1}
     found, _ = assert_agrees(scene, integrator, spp=32, truth=truth, way=way)
-    shorter = renders(truth, reference(truth, max_depth=3), spp=32)
-    assert Difference.of(found, shorter).ratio > 1, "paths that end too early are told"
+    if way == "all":
+        shorter = renders(truth, reference(truth, max_depth=3), spp=32)
+        assert Difference.of(found, shorter).ratio > 1, "paths that end too early are told"
 
 
 def test_no_bsdf_is_left_out():
