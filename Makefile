@@ -42,7 +42,7 @@ studies: .venv/ready ## render the shipped studies in their small size, with a r
 studies-paper: .venv/ready ## the same in the size for papers: half an hour for each, and it goes on where it was stopped
 	$(call run_studies,paper)
 
-viewer: ## build the report's picture viewer from web/, which needs Node.js
+viewer: ## build the scripts of reports, viewer and plots, from web/, which needs Node.js
 	cd web && npm ci && npm run build
 
 lint: .venv/ready ## check style and format
