@@ -55,7 +55,7 @@ def luminance(image):
     return image.astype(np.float64) @ [0.212671, 0.715160, 0.072169]
 
 
-def rendered(scene, seed, max_depth, min_contribution, spp=64):
+def rendered(scene, seed, max_depth, min_contribution, spp=16):
     integrator = {"type": "whitted", "max_depth": max_depth, "min_contribution": min_contribution}
     return whitted.render(scene, integrator, spp=spp, seed=seed)
 
