@@ -50,6 +50,13 @@ def test_rays_given_up_are_listed_with_the_reason(scene):
             assert node["distance"] is None
 
 
+@pytest.mark.parametrize("max_depth", [0, 1])
+def test_a_tree_without_depth_is_the_eye_ray(scene, max_depth):
+    tree = whitted.trace(scene, PIXELS[0], f"whitted:max_depth={max_depth}")
+    assert tree.rays == {"eye": 1, "shadow": 0}
+    assert {node["dropped"] for node in tree.nodes} == {None, "depth"}
+
+
 def test_parents_come_first_and_weights_fall(scene):
     tree = whitted.trace(scene, PIXELS[0])
     for place, node in enumerate(tree.nodes):

@@ -145,10 +145,11 @@ class _Recorder:
         w, ids = mi.Spectrum(w), mi.UInt32([ray["id"] for ray in level])
         eye = mi.Ray3f(mi.Point3f(o), mi.Vector3f(d), self.ray.time, self.ray.wavelengths)
         # Data, not literals: one kernel serves all levels
-        is_eye, is_last = (dr.opaque(mi.Bool, depth == n) for n in (0, self.integrator.max_depth - 1))
+        is_eye = dr.opaque(mi.Bool, depth == 0)
+        within = dr.opaque(mi.Bool, depth + 1 < self.integrator.max_depth)
         si = world.intersect(eye, is_eye, mi.Bool(True))
         hit, bsdf = si.is_valid(), si.bsdf()
-        goes_on = hit & ~is_last
+        goes_on = hit & within
 
         seen = hit | ~is_eye if world.hide_emitters else mi.Bool(True)
         emitted = dr.select(seen, world.emission(si, seen), 0)
@@ -171,9 +172,8 @@ class _Recorder:
         dr.eval(facts, shadows, lobes, hit, goes_on, si.shape, bsdf)  # all of the level in one kernel
 
         facts, hit, goes_on = (_numbers(found, count) for found in (facts, hit, goes_on))
-        shadows, lobes = (
-            [_numbers(found, count) for found in all_of_them] for all_of_them in (shadows, lobes)
-        )
+        shadows = [_numbers(found, count) for found in shadows]
+        lobes = [_numbers(found, count) for found in lobes]
         for i, ray in enumerate(level):
             node = {name: values[i].tolist() for name, values in facts.items()}
             node |= {"id": first + i, "parent": ray["parent"], "kind": ray["kind"], "depth": depth}
